@@ -1,0 +1,35 @@
+//! `insonify` synthesises B-mode ultrasound frames from labelled volumes, on the GPU through wgpu and on a CPU
+//! reference that checks every pass.
+//!
+//! # Map
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`scene`] | what a user writes, validated: every effect is optional |
+//! | [`volume`] | labelled volumes, solid textures and their file formats |
+//! | [`phantom`] | labelled volumes made from code |
+//! | [`tissue`] | the tissue table and the bank of solid textures |
+//! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
+//! | [`effects`] | the ordered registry of effects: parameters, CPU reference, pass declaration |
+//! | [`plan`] | scene to passes and resources, each with its reason |
+//! | [`synth`] | runs a plan on the CPU or the GPU |
+//! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
+//! | [`mechanics`] | tetrahedral meshes and point location |
+//! | [`study`] | benchmarks |
+//! | [`output`] | PNG, image sequences, sidecars |
+//!
+//! # Axes and units
+//!
+//! Lengths are millimetres, angles radians in code and degrees in files, moduli kilopascals. The world is LPS as in DICOM
+//! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
+//! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
+
+pub mod gpu;
+pub mod mechanics;
+pub mod output;
+pub mod phantom;
+pub mod random;
+pub mod real;
+pub mod tissue;
+pub mod tracking;
+pub mod volume;

@@ -1,0 +1,1 @@
+//! Mechanics in f64, without wgpu: tetrahedral meshes and point location.

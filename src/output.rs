@@ -1,0 +1,1 @@
+//! Files that leave the program: PNG, image sequences with transforms, sidecars.

@@ -1,0 +1,1 @@
+//! Labelled volumes made from code.

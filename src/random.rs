@@ -1,0 +1,78 @@
+//! Randomness as a hash of position and seed: the same input gives the same value on every run, thread count and backend.
+//!
+//! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano, "Hash Functions for
+//! GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on GPUs.
+
+/// A 64-bit seed folded to the two 32-bit words that the hashes take.
+pub fn seed_words(seed: u64) -> [u32; 2] {
+    [seed as u32, (seed >> 32) as u32]
+}
+
+/// Three well-mixed words from three integers (`pcg3d`).
+#[inline(always)]
+pub fn pcg3d(mut v: [u32; 3]) -> [u32; 3] {
+    for x in &mut v {
+        *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+    }
+    v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
+    v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+    v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+    for x in &mut v {
+        *x ^= *x >> 16;
+    }
+    v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
+    v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+    v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+    v
+}
+
+/// Three words from a lattice point and a seed. Negative coordinates wrap as two's complement.
+#[inline(always)]
+pub fn hash3(point: [i32; 3], seed: [u32; 2]) -> [u32; 3] {
+    pcg3d([
+        (point[0] as u32) ^ seed[0],
+        (point[1] as u32).wrapping_add(seed[1]),
+        (point[2] as u32) ^ seed[0].rotate_left(16),
+    ])
+}
+
+/// A word as a number in [0, 1).
+#[inline(always)]
+pub fn unit(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbouring_points_are_uncorrelated_and_uniform() {
+        let n = 40;
+        let (mut sum, mut squares, mut product) = (0.0, 0.0, 0.0);
+        for i in 0..n {
+            for j in 0..n {
+                for k in 0..n {
+                    let a = f64::from(unit(hash3([i - 20, j - 20, k - 20], [7, 9])[0])) - 0.5;
+                    let b = f64::from(unit(hash3([i - 19, j - 20, k - 20], [7, 9])[0])) - 0.5;
+                    sum += a;
+                    squares += a * a;
+                    product += a * b;
+                }
+            }
+        }
+        let count = f64::from(n * n * n);
+        assert!((sum / count).abs() < 4.0 * (1.0f64 / 12.0 / count).sqrt());
+        assert!((squares / count - 1.0 / 12.0).abs() < 2e-3);
+        assert!((product / count).abs() < 4.0 / 12.0 / count.sqrt());
+    }
+
+    #[test]
+    fn both_halves_of_the_seed_matter() {
+        assert_ne!(hash3([1, 2, 3], seed_words(1)), hash3([1, 2, 3], seed_words(2)));
+        assert_ne!(
+            hash3([1, 2, 3], seed_words(1)),
+            hash3([1, 2, 3], seed_words(1 << 32 | 1))
+        );
+    }
+}

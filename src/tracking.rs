@@ -1,0 +1,3 @@
+//! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
+
+pub mod probe;

@@ -1,0 +1,172 @@
+//! Labelled volumes and the file formats they come in.
+//!
+//! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
+//! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
+
+use nalgebra::{Matrix4, Point3};
+
+/// One label of a volume.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Label {
+    /// The value in the file.
+    pub value: i64,
+    /// The name in the file, if it carries one.
+    pub name: Option<String>,
+    /// Voxels that carried the value in the file (before any completion, and before overlapping layers were flattened).
+    pub voxels: u64,
+}
+
+/// A labelled volume with its place in the world.
+#[derive(Clone, Debug)]
+pub struct LabelVolume {
+    size: [usize; 3],
+    voxels: Vec<u8>,
+    labels: Vec<Label>,
+    index_to_world: Matrix4<f64>,
+    world_to_index: Matrix4<f64>,
+}
+
+/// Why a label volume cannot be made from its parts.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidVolume {
+    /// An axis has no voxels, or the product of the axes does not fit.
+    #[error("size {0:?}: every axis needs at least one voxel and the product must fit in memory")]
+    Size([usize; 3]),
+    /// The voxel list does not match the size.
+    #[error("{found} voxels for a size that needs {expected}")]
+    Count {
+        /// Voxels given.
+        found: usize,
+        /// Product of the size.
+        expected: usize,
+    },
+    /// More distinct labels than a byte can index.
+    #[error("{0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
+    TooManyLabels(usize),
+    /// The index-to-world matrix has no inverse or holds a number that is not finite.
+    #[error("the index-to-world transform is singular or not finite")]
+    Transform,
+    /// The first label must be the background, value 0.
+    #[error("label index 0 must be the background (value 0)")]
+    Background,
+    /// A voxel points past the end of the labels.
+    #[error("voxel {at} has label index {index}, but there are only {labels} labels")]
+    Index {
+        /// Linear index of the voxel.
+        at: usize,
+        /// Its label index.
+        index: u8,
+        /// Number of labels.
+        labels: usize,
+    },
+}
+
+impl LabelVolume {
+    /// Makes a volume of `size` voxels (x fastest) whose bytes index `labels`; `index_to_world` maps voxel indices to LPS
+    /// millimetres. `labels[0]` must be the background with value 0.
+    pub fn new(
+        size: [usize; 3],
+        voxels: Vec<u8>,
+        labels: Vec<Label>,
+        index_to_world: Matrix4<f64>,
+    ) -> Result<Self, InvalidVolume> {
+        let expected = size
+            .iter()
+            .try_fold(1usize, |product, &n| product.checked_mul(n))
+            .filter(|&n| n > 0)
+            .ok_or(InvalidVolume::Size(size))?;
+        if voxels.len() != expected {
+            return Err(InvalidVolume::Count {
+                found: voxels.len(),
+                expected,
+            });
+        }
+        if labels.len() > 256 {
+            return Err(InvalidVolume::TooManyLabels(labels.len()));
+        }
+        if labels.first().is_none_or(|label| label.value != 0) {
+            return Err(InvalidVolume::Background);
+        }
+        if let Some(at) = voxels.iter().position(|&v| usize::from(v) >= labels.len()) {
+            return Err(InvalidVolume::Index {
+                at,
+                index: voxels[at],
+                labels: labels.len(),
+            });
+        }
+        if !index_to_world.iter().all(|x| x.is_finite()) {
+            return Err(InvalidVolume::Transform);
+        }
+        let world_to_index = index_to_world.try_inverse().ok_or(InvalidVolume::Transform)?;
+        if !world_to_index.iter().all(|x| x.is_finite()) {
+            return Err(InvalidVolume::Transform);
+        }
+        Ok(Self {
+            size,
+            voxels,
+            labels,
+            index_to_world,
+            world_to_index,
+        })
+    }
+
+    /// Voxels along each index axis.
+    pub fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    /// Label indices, x fastest.
+    pub fn voxels(&self) -> &[u8] {
+        &self.voxels
+    }
+
+    /// The labels that the voxels index; the first is the background.
+    pub fn labels(&self) -> &[Label] {
+        &self.labels
+    }
+
+    /// Voxel index to LPS millimetres.
+    pub fn index_to_world(&self) -> &Matrix4<f64> {
+        &self.index_to_world
+    }
+
+    /// LPS millimetres to voxel index.
+    pub fn world_to_index(&self) -> &Matrix4<f64> {
+        &self.world_to_index
+    }
+
+    /// Distance between neighbouring voxel centres along each index axis, mm.
+    pub fn spacing_mm(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.index_to_world.fixed_view::<3, 1>(0, axis).norm())
+    }
+
+    /// Volume of one voxel, cubic millimetres.
+    pub fn voxel_mm3(&self) -> f64 {
+        self.index_to_world.fixed_view::<3, 3>(0, 0).determinant().abs()
+    }
+
+    /// Centre of the voxel box in the world, mm.
+    pub fn centre_mm(&self) -> Point3<f64> {
+        let middle = Point3::from(self.size.map(|n| (n as f64 - 1.0) / 2.0));
+        self.index_to_world.transform_point(&middle)
+    }
+
+    /// Linear index of a voxel.
+    pub fn offset(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.size[0] * (j + self.size[1] * k)
+    }
+
+    /// Label index of the voxel nearest to a world point; `None` outside the volume.
+    pub fn label_index_at(&self, world: &Point3<f64>) -> Option<u8> {
+        let index = self.world_to_index.transform_point(world);
+        let mut voxel = [0usize; 3];
+        for axis in 0..3 {
+            let nearest = (index[axis] + 0.5).floor();
+            if !(nearest >= 0.0 && nearest < self.size[axis] as f64) {
+                return None;
+            }
+            voxel[axis] = nearest as usize;
+        }
+        Some(self.voxels[self.offset(voxel)])
+    }
+}
