@@ -8,12 +8,49 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     fn of(value: f64) -> Self;
     /// Widens to `f64`, exactly.
     fn wide(self) -> f64;
+    /// A signed integer, rounded.
+    fn from_signed(value: i32) -> Self;
+    /// Towards zero; saturates.
+    fn truncate(self) -> i32;
+    /// The copy of a table in this type.
+    fn pick(numbers: &Numbers) -> &[Self];
+}
+
+/// A table computed in double precision, kept in both.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Numbers {
+    wide: Vec<f64>,
+    narrow: Vec<f32>,
+}
+
+impl Numbers {
+    /// Keeps the numbers and their rounded copies.
+    pub fn new(wide: Vec<f64>) -> Self {
+        let narrow = wide.iter().map(|&x| x as f32).collect();
+        Self { wide, narrow }
+    }
+
+    /// The copy in the scalar of a backend.
+    pub fn of<T: Real>(&self) -> &[T] {
+        T::pick(self)
+    }
 }
 
 impl Real for f32 {
     #[inline(always)]
     fn of(value: f64) -> Self {
         value as f32
+    }
+    #[inline(always)]
+    fn from_signed(value: i32) -> Self {
+        value as Self
+    }
+    #[inline(always)]
+    fn truncate(self) -> i32 {
+        self as i32
+    }
+    fn pick(numbers: &Numbers) -> &[Self] {
+        &numbers.narrow
     }
     #[inline(always)]
     fn wide(self) -> f64 {
@@ -25,6 +62,17 @@ impl Real for f64 {
     #[inline(always)]
     fn of(value: f64) -> Self {
         value
+    }
+    #[inline(always)]
+    fn from_signed(value: i32) -> Self {
+        value as Self
+    }
+    #[inline(always)]
+    fn truncate(self) -> i32 {
+        self as i32
+    }
+    fn pick(numbers: &Numbers) -> &[Self] {
+        &numbers.wide
     }
     #[inline(always)]
     fn wide(self) -> f64 {

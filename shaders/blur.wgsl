@@ -1,0 +1,34 @@
+// Lateral Gaussian along arcs of constant depth. Twin of src/effects/blur.rs.
+struct Params {
+    lines: u32,
+    samples: u32,
+    reach: u32,
+    unused: u32,
+}
+
+@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(1) var<storage, read> amplitudes: array<f32>;
+@group(0) @binding(2) var<storage, read> weights: array<f32>;
+@group(0) @binding(3) var<storage, read_write> blurred: array<f32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let sample = id.x;
+    let line = id.y;
+    if sample >= params.samples {
+        return;
+    }
+    let first = line - min(line, params.reach);
+    let last = min(line + params.reach, params.lines - 1u);
+    var sum = 0.0;
+    var norm = 0.0;
+    for (var other = first; other <= last; other++) {
+        let weight = weights[(other + params.reach - line) * params.samples + sample];
+        sum += weight * amplitudes[other * params.samples + sample];
+        norm += weight;
+    }
+    if last - first == 2u * params.reach {
+        norm = 1.0;
+    }
+    blurred[line * params.samples + sample] = sum / norm;
+}

@@ -1,0 +1,7 @@
+// Twin of LabelRow in src/synth/tables.rs.
+struct LabelRow {
+    echo: f32,
+    impedance: f32,
+    loss: u32,
+    texture: u32,
+}

@@ -1,0 +1,113 @@
+// Speckle: scatterers of the reference state, then the point spread in the beam frame. Twin of src/effects/speckle.rs.
+struct Params {
+    elevation: vec4<f32>,
+    planes: array<vec4<f32>, 2>,
+    seed: vec2<u32>,
+    lines: u32,
+    samples: u32,
+    oversampling: u32,
+    plane_count: u32,
+    plane_mm: f32,
+    per_mm: f32,
+    axial_reach: u32,
+    lateral_reach: u32,
+    unused: vec2<u32>,
+}
+
+@group(0) @binding(0) var<uniform> params: Params;
+
+// scatter_pass
+@group(0) @binding(1) var<storage, read> positions: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> amplitudes: array<f32>;
+@group(0) @binding(3) var<storage, read_write> scatter: array<vec2<f32>>;
+
+// axial_pass and lateral_pass
+@group(0) @binding(1) var<storage, read> echoes: array<vec2<f32>>;
+@group(0) @binding(2) var<storage, read> weights: array<f32>;
+@group(0) @binding(3) var<storage, read_write> spread: array<vec2<f32>>;
+@group(0) @binding(3) var<storage, read_write> envelope: array<f32>;
+
+fn centred(words: vec2<u32>) -> vec2<f32> {
+    return vec2<f32>(vec2<i32>(words >> vec2<u32>(16u)) - 32768) + 0.5;
+}
+
+fn scatterer(p: vec3<f32>) -> vec2<f32> {
+    let cut = vec3<i32>(p);
+    let base = cut - select(vec3<i32>(0), vec3<i32>(1), p < vec3<f32>(cut));
+    let f = p - vec3<f32>(base);
+    let g = 1.0 - f;
+    var sum = vec2<f32>(0.0);
+    for (var corner = 0u; corner < 8u; corner++) {
+        let bits = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
+        let side = select(g, f, bits == vec3<u32>(1u));
+        sum += side.x * side.y * side.z * centred(hash3(base + vec3<i32>(bits), params.seed).xy);
+    }
+    let square = f * f + g * g;
+    return sum * (2.449489742783178 / 65536.0 / sqrt(square.x * square.y * square.z));
+}
+
+@compute @workgroup_size(64)
+fn scatter_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let line = id.y / params.oversampling;
+    let rest = id.y % params.oversampling;
+    let next = min(line + 1u, params.lines - 1u);
+    let part = f32(rest) / f32(params.oversampling);
+    let a = positions[line * params.samples + id.x].xyz;
+    let b = positions[next * params.samples + id.x].xyz;
+    let at = a + part * (b - a);
+    let nearest = select(line, next, rest > 0u && 2u * rest >= params.oversampling);
+    let middle = 0.5 * f32(params.plane_count - 1u);
+    var sum = vec2<f32>(0.0);
+    for (var plane = 0u; plane < params.plane_count; plane++) {
+        let offset = params.elevation.xyz * params.plane_mm * (f32(plane) - middle);
+        sum += params.planes[plane >> 2u][plane & 3u] * scatterer((at + offset) * params.per_mm);
+    }
+    scatter[id.y * params.samples + id.x] = amplitudes[nearest * params.samples + id.x] * sum;
+}
+
+@compute @workgroup_size(64)
+fn axial_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let reach = i32(params.axial_reach);
+    let row = id.y * params.samples;
+    var sum = vec2<f32>(0.0);
+    for (var tap = 0; tap <= 2 * reach; tap++) {
+        let sample = i32(id.x) + tap - reach;
+        if sample >= 0 && sample < i32(params.samples) {
+            sum += weights[tap] * echoes[row + u32(sample)];
+        }
+    }
+    spread[row + id.x] = sum;
+}
+
+@compute @workgroup_size(64)
+fn lateral_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let reach = i32(params.lateral_reach);
+    let centre = i32(id.y * params.oversampling);
+    let last = i32((params.lines - 1u) * params.oversampling);
+    var sum = vec2<f32>(0.0);
+    var kept = 0.0;
+    var all = 0.0;
+    for (var tap = 0; tap <= 2 * reach; tap++) {
+        let weight = weights[u32(tap) * params.samples + id.x];
+        let fine = centre + tap - reach;
+        all += weight * weight;
+        if fine >= 0 && fine <= last {
+            sum += weight * echoes[u32(fine) * params.samples + id.x];
+            kept += weight * weight;
+        }
+    }
+    var scale = 1.0;
+    if centre < reach || centre + reach > last {
+        scale = sqrt(all / kept);
+    }
+    envelope[id.y * params.samples + id.x] = length(sum) * scale;
+}

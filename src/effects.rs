@@ -1,0 +1,137 @@
+//! The ordered registry of effects: the only place where an effect is made known.
+//!
+//! An effect says when a scene calls for it and which passes it is made of. A pass is declared once: its name, shader,
+//! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame is the passes of the
+//! wanted effects, run in the order of [`REGISTRY`].
+
+pub mod blur;
+pub mod geometry;
+pub mod interface;
+pub mod lateral;
+pub mod needle;
+pub mod noise;
+pub mod pass;
+pub mod quantise;
+pub mod scan_conversion;
+pub mod shadow;
+pub mod slice;
+pub mod speckle;
+pub mod texture;
+pub mod thickness;
+pub mod tone;
+pub mod warp;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::effects::pass::Pass;
+use crate::synth::tables::Tables;
+
+/// Whether a scene calls for an effect, and why.
+pub type Verdict = Result<String, String>;
+
+/// One effect: when it runs and what it is made of.
+pub struct Effect {
+    /// Name, the stem of its source, shader and parity test.
+    pub name: &'static str,
+    /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
+    pub wanted: fn(&Tables) -> Verdict,
+    /// Its passes, in order.
+    pub passes: &'static [Pass],
+}
+
+/// Every effect, in the order in which a frame is made.
+pub static REGISTRY: &[Effect] = &[
+    geometry::EFFECT,
+    warp::EFFECT,
+    slice::EFFECT,
+    texture::EFFECT,
+    thickness::EFFECT,
+    speckle::EFFECT,
+    interface::EFFECT,
+    needle::EFFECT,
+    shadow::EFFECT,
+    blur::EFFECT,
+    tone::EFFECT,
+    scan_conversion::EFFECT,
+    noise::EFFECT,
+    quantise::EFFECT,
+];
+
+/// The effects that a scene names, with their parameters. What is `None` is not simulated and costs nothing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// How labels are read from the volume.
+    pub slice: slice::Slice,
+    /// Solid textures of the tissues that name one.
+    pub texture: Option<texture::Texture>,
+    /// Finite elevational thickness of the scan plane.
+    pub thickness: Option<thickness::Thickness>,
+    /// Fully developed speckle.
+    pub speckle: Option<speckle::Speckle>,
+    /// Specular echoes where the acoustic impedance changes.
+    pub interface: Option<interface::Interface>,
+    /// Echo of the needle; needs a needle in the scene.
+    pub needle: Option<needle::NeedleEcho>,
+    /// Attenuation, and shadows of bone, gas and the needle.
+    pub shadow: Option<shadow::Shadow>,
+    /// Radial blur about the probe's virtual apex.
+    pub blur: Option<blur::Blur>,
+    /// Gain, time-gain compensation and log compression; none shows the amplitude linearly.
+    pub tone: Option<tone::Tone>,
+    /// Additive Gaussian noise on grey levels.
+    pub noise: Option<noise::Noise>,
+}
+
+/// A parameter outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("`{key}` is {found}; expected {expected}")]
+pub struct OutOfRange {
+    /// Key path below `effects`, such as `speckle.axial_mm`.
+    pub key: String,
+    /// The value found.
+    pub found: String,
+    /// The range expected.
+    pub expected: String,
+}
+
+/// Checks that `value` is a number within `range`.
+pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let expected = format!("a number from {} to {}", range.start(), range.end());
+    Err(OutOfRange { key: key.to_owned(), found: value.to_string(), expected })
+}
+
+impl Effects {
+    /// Every effect with its default parameters, save additive noise, which doubles what speckle does physically.
+    pub fn usual() -> Self {
+        Self {
+            slice: slice::Slice::default(),
+            texture: Some(texture::Texture::default()),
+            thickness: None,
+            speckle: Some(speckle::Speckle::default()),
+            interface: Some(interface::Interface::default()),
+            needle: Some(needle::NeedleEcho::default()),
+            shadow: Some(shadow::Shadow::default()),
+            blur: Some(blur::Blur::default()),
+            tone: Some(tone::Tone::default()),
+            noise: None,
+        }
+    }
+
+    /// Checks every parameter against its range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        self.thickness.as_ref().map_or(Ok(()), thickness::Thickness::validate)?;
+        self.texture.as_ref().map_or(Ok(()), texture::Texture::validate)?;
+        self.speckle.as_ref().map_or(Ok(()), speckle::Speckle::validate)?;
+        self.interface.as_ref().map_or(Ok(()), interface::Interface::validate)?;
+        self.needle.as_ref().map_or(Ok(()), needle::NeedleEcho::validate)?;
+        self.shadow.as_ref().map_or(Ok(()), shadow::Shadow::validate)?;
+        self.blur.as_ref().map_or(Ok(()), blur::Blur::validate)?;
+        self.tone.as_ref().map_or(Ok(()), tone::Tone::validate)?;
+        self.noise.as_ref().map_or(Ok(()), noise::Noise::validate)
+    }
+}

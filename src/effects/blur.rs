@@ -1,0 +1,141 @@
+//! Radial blur about the probe's virtual apex (paper 1, section 2.4): a lateral Gaussian along arcs of constant depth.
+//!
+//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges
+//! of the sector the weights are renormalised, so that a constant stays constant. Depth along a beam is untouched, and with
+//! it the apex.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::lateral::{FWHM_PER_SIGMA, LateralKernel};
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, OutOfRange, Verdict, within};
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use crate::tracking::probe::BeamGrid;
+
+/// Radial blur.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Blur {
+    /// Full width at half maximum at the array, mm (0 to 20).
+    pub width_mm: f64,
+    /// Growth of that width with depth, mm per cm (0 to 5).
+    pub growth_mm_cm: f64,
+}
+
+impl Default for Blur {
+    fn default() -> Self {
+        Self { width_mm: 0.6, growth_mm_cm: 0.06 }
+    }
+}
+
+impl Blur {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        within("blur.width_mm", self.width_mm, 0.0..=20.0)?;
+        within("blur.growth_mm_cm", self.growth_mm_cm, 0.0..=5.0)
+    }
+
+    /// Weights at each sample depth.
+    pub fn kernel(&self, grid: &BeamGrid) -> LateralKernel {
+        let sigma_lines = |sample: usize| {
+            let depth = grid.sample_depth_mm(sample);
+            let width_mm = self.width_mm + self.growth_mm_cm * depth / 10.0;
+            width_mm / FWHM_PER_SIGMA / grid.line_spacing_mm(depth).max(1e-6)
+        };
+        LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
+    }
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect { name: "blur", wanted, passes: |_| PASSES };
+
+static PASSES: &[Pass] = &[Pass {
+    name: "blur",
+    shader: include_str!("../../shaders/blur.wgsl"),
+    entry: "main",
+    bindings: &[(Amplitude, Read), (BlurKernel, Read), (AmplitudeNext, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: true,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.settings.effects.blur {
+        Some(blur) if tables.lines() > 1 => Ok(format!("the scene blurs laterally by {} mm and more with depth", blur.width_mm)),
+        Some(_) => Err("one scanline has no neighbours to blur with".into()),
+        None => Err("the scene names no blur".into()),
+    }
+}
+
+/// Uniform block of `blur.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Scanlines on each side that the kernel reaches.
+    pub reach: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: tables.blur.as_ref().map_or(0, |kernel| kernel.reach as u32),
+        unused: 0,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let Some(kernel) = &tables.blur else { return };
+    let weights = kernel.weights.of::<T>();
+    let input = &store.amplitude[..lines * samples];
+    store.amplitude_next.par_chunks_mut(samples).enumerate().for_each(|(line, output)| {
+        crate::synth::vectorised(|| scanline(input, line, lines, kernel.reach, weights, output));
+    });
+    std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
+}
+
+/// One blurred scanline; `weights` holds a row over the samples for each tap.
+#[inline(always)]
+pub fn scanline<T: Real>(input: &[T], line: usize, lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
+    const BLOCK: usize = 64;
+    let samples = output.len();
+    let first = line.saturating_sub(reach);
+    let last = (line + reach).min(lines - 1);
+    let whole = last - first == 2 * reach;
+    for (block, output) in output.chunks_mut(BLOCK).enumerate() {
+        let start = block * BLOCK;
+        let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        for other in first..=last {
+            let tap = other + reach - line;
+            let values = &input[other * samples + start..][..output.len()];
+            let weights = &weights[tap * samples + start..][..output.len()];
+            for i in 0..output.len() {
+                sum[i] += weights[i] * values[i];
+            }
+            if !whole {
+                for i in 0..output.len() {
+                    norm[i] += weights[i];
+                }
+            }
+        }
+        for i in 0..output.len() {
+            output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Lateral kernels: Gaussian weights across scanlines whose width depends on depth.
+//!
+//! Shared by the lateral point spread of `speckle` and by `blur`. Widths are given in scanlines for each sample depth, so
+//! that a kernel follows arcs of constant depth about the probe's virtual apex.
+
+use crate::real::Numbers;
+
+/// Weights across scanlines, one set a sample depth. Tap `t` reaches the scanline `t - reach` away.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LateralKernel {
+    /// Scanlines on each side.
+    pub reach: usize,
+    /// Weights, tap by tap, each a row over the sample depths.
+    pub weights: Numbers,
+    samples: usize,
+}
+
+/// Full width at half maximum of a Gaussian over its standard deviation, 2 sqrt(2 ln 2).
+pub const FWHM_PER_SIGMA: f64 = 2.354_820_045_030_949_3;
+
+/// Widest reach to each side, in scanlines.
+pub const MAX_REACH: usize = 64;
+
+impl LateralKernel {
+    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines, cut at three of them, whose sum is
+    /// `total(sample, weights that sum to 1)`.
+    pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
+        let widest = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
+        let reach = ((3.0 * widest).ceil() as usize).min(MAX_REACH);
+        let mut weights = vec![0.0; (2 * reach + 1) * samples];
+        for sample in 0..samples {
+            let own = gaussian(sigma_lines(sample), reach);
+            let factor = total(sample, &own);
+            for (tap, weight) in own.into_iter().enumerate() {
+                weights[tap * samples + sample] = weight * factor;
+            }
+        }
+        Self { reach, weights: Numbers::new(weights), samples }
+    }
+
+    /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
+    pub fn at(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
+        (0..=2 * self.reach).map(move |tap| self.weights.of::<f64>()[tap * self.samples + sample])
+    }
+}
+
+/// A sampled Gaussian of `2 * reach + 1` taps that sums to 1; a single spike for a vanishing width.
+pub fn gaussian(sigma: f64, reach: usize) -> Vec<f64> {
+    let centre = reach as f64;
+    let raw: Vec<f64> = (0..=2 * reach)
+        .map(|tap| {
+            let away = tap as f64 - centre;
+            if sigma < 1e-3 { f64::from(u8::from(away == 0.0)) } else { (-away * away / (2.0 * sigma * sigma)).exp() }
+        })
+        .collect();
+    let sum: f64 = raw.iter().sum();
+    raw.into_iter().map(|weight| weight / sum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_sum_to_one_and_have_the_width_asked() {
+        let kernel = LateralKernel::gaussian(4, |sample| sample as f64, |_, _| 1.0);
+        assert_eq!(kernel.reach, 9);
+        for sample in 0..4 {
+            let sum: f64 = kernel.at(sample).sum();
+            let variance: f64 = kernel.at(sample).enumerate().map(|(tap, w)| w * (tap as f64 - 9.0).powi(2)).sum();
+            assert!((sum - 1.0).abs() < 1e-12);
+            assert!((variance.sqrt() - sample as f64).abs() < 0.05, "{sample}: {variance}");
+        }
+    }
+}

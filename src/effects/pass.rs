@@ -1,0 +1,152 @@
+//! The declaration of a pass: one step of a frame, on both backends.
+
+use bytemuck::Pod;
+
+use crate::synth::store::Store;
+use crate::synth::{FrameState, tables::Tables};
+
+/// Everything that a pass may read besides its resources.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// What the scene fixes until it is edited.
+    pub tables: &'a Tables,
+    /// What changes from frame to frame.
+    pub state: &'a FrameState,
+}
+
+/// A buffer that passes share. On the CPU it is a vector of [`Store`] or a table; on the GPU a storage buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Resource {
+    /// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
+    Rays,
+    /// Per sample and sub-plane: world, then reference position, and a flag (`vec4<f32>`).
+    Position,
+    /// Per sample and sub-plane: element that held it in the last frame (`u32`).
+    Element,
+    /// Affine maps of the deformed and reference elements (`vec4<f32>`).
+    ElementMaps,
+    /// Neighbours of the elements through their faces (`vec4<u32>`).
+    Adjacency,
+    /// Starts of the cells of the search grids (`u32`).
+    CellStarts,
+    /// Elements of the cells of the search grids (`u32`).
+    CellElements,
+    /// Label indices of the volume, four to a `u32`.
+    Voxels,
+    /// One row a label index: echo, attenuation, texture, impedance.
+    LabelRows,
+    /// Placement of the solid textures in the atlas.
+    TextureEntries,
+    /// Voxels of the solid textures (`f32`).
+    Atlas,
+    /// Per sample and sub-plane: label index (`u32`).
+    Label,
+    /// Per sample (and sub-plane, up to `thickness`): echo amplitude; after `tone`, grey level (`f32`).
+    Amplitude,
+    /// The other half of the pair that `Amplitude` flips with (`f32`).
+    AmplitudeNext,
+    /// Per fine scanline and sample: complex echo (`vec2<f32>`).
+    Scatter,
+    /// Complex echo after the axial point spread (`vec2<f32>`).
+    ScatterAxial,
+    /// Weights of the axial point spread (`f32`).
+    AxialKernel,
+    /// Weights of the lateral point spread, a row a depth (`f32`).
+    LateralKernel,
+    /// Weights of the radial blur, a row a depth (`f32`).
+    BlurKernel,
+    /// Per sample depth: distance between neighbouring scanlines, mm (`f32`).
+    LineSpacing,
+    /// Segments of the needle shaft in the probe frame (`vec4<f32>` pairs).
+    Needle,
+    /// Per sample: share of the scan plane's thickness that the needle fills (`f32`).
+    NeedleMask,
+    /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
+    Loss,
+    /// Per sample depth: linear gain (`f32`).
+    Gain,
+    /// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).
+    ScanMap,
+    /// Per pixel: grey level (`f32`).
+    Image,
+    /// Per pixel: grey level, four to a `u32`.
+    Pixels,
+}
+
+impl Resource {
+    /// Whether its size goes with the pixels of the image, so that a large one is cut into bands of rows.
+    pub fn is_per_pixel(self) -> bool {
+        matches!(self, Self::ScanMap | Self::Image | Self::Pixels)
+    }
+}
+
+/// How a pass uses a resource.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// It only reads.
+    Read,
+    /// It writes, and may read.
+    Write,
+}
+
+/// The uniform block of a pass: binding 0, at most 256 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct ParamBlock {
+    bytes: [u8; Self::CAPACITY],
+    len: usize,
+}
+
+impl ParamBlock {
+    /// Bytes that a block can hold; also the alignment of uniform offsets in WebGPU's default limits.
+    pub const CAPACITY: usize = 256;
+
+    /// Copies a parameter struct.
+    pub fn of<P: Pod>(params: &P) -> Self {
+        const { assert!(size_of::<P>() <= Self::CAPACITY && size_of::<P>().is_multiple_of(16)) };
+        let mut bytes = [0; Self::CAPACITY];
+        let source = bytemuck::bytes_of(params);
+        bytes[..source.len()].copy_from_slice(source);
+        Self { bytes, len: source.len() }
+    }
+
+    /// The parameters as the shader sees them.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+}
+
+/// The part of an image that one dispatch of a per-pixel pass covers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Band {
+    /// First row.
+    pub first_row: u32,
+    /// Number of rows.
+    pub rows: u32,
+}
+
+/// One step of a frame.
+pub struct Pass {
+    /// Name, unique over all effects.
+    pub name: &'static str,
+    /// WGSL source, common parts included.
+    pub shader: &'static str,
+    /// Entry point in the source.
+    pub entry: &'static str,
+    /// Storage bindings from binding 1 on, in order.
+    pub bindings: &'static [(Resource, Access)],
+    /// The uniform block, binding 0, for one band of rows (all rows for passes that are not per pixel).
+    pub params: fn(&View, Band) -> ParamBlock,
+    /// Workgroups along x, y, z.
+    pub workgroups: fn(&Tables, Band) -> [u32; 3],
+    /// Whether `AmplitudeNext` becomes `Amplitude` after it.
+    pub flips: bool,
+    /// The reference in single precision, the twin of the shader.
+    pub cpu: fn(&View, &mut Store<f32>),
+    /// The reference in double precision.
+    pub cpu_f64: fn(&View, &mut Store<f64>),
+}
+
+/// Workgroups of `size` invocations that cover `count`.
+pub fn groups(count: usize, size: u32) -> u32 {
+    (count as u64).div_ceil(u64::from(size)) as u32
+}

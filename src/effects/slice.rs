@@ -1,0 +1,205 @@
+//! Slice: the label of every sample, and the constant echo of its tissue.
+//!
+//! The label is that of the nearest voxel, or, with `boundary = "vote"`, the one that holds the largest share of the
+//! trilinear weights of the eight voxels around the sample, which takes the staircase off the boundaries of coarse
+//! segmentations. Samples outside the volume, or flagged as background by the warp, are background (label index 0).
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::geometry::rows;
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, Verdict};
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+
+/// How labels are read.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Slice {
+    /// What decides the label near a boundary.
+    pub boundary: Boundary,
+}
+
+/// What decides the label of a sample near a boundary.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Boundary {
+    /// The nearest voxel.
+    Nearest,
+    /// The largest share of the trilinear weights of the eight voxels around; ties go to the lowest label index.
+    #[default]
+    Vote,
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect { name: "slice", wanted, passes: |_| PASSES };
+
+static PASSES: &[Pass] = &[Pass {
+    name: "slice",
+    shader: concat!(include_str!("../../shaders/common/label_row.wgsl"), include_str!("../../shaders/slice.wgsl")),
+    entry: "main",
+    bindings: &[(Position, Read), (Voxels, Read), (LabelRows, Read), (Label, Write), (Amplitude, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(_: &Tables) -> Verdict {
+    Ok("every frame needs the labels in its plane".into())
+}
+
+/// Uniform block of `slice.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// First three rows of the world-to-index transform.
+    pub world_to_index: [[f32; 4]; 3],
+    /// Voxels along each axis.
+    pub size: [u32; 3],
+    /// 1 to vote, 0 for the nearest voxel.
+    pub vote: u32,
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: [u32; 2],
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        world_to_index: rows(tables.volume.world_to_index()),
+        size: tables.volume.size().map(|n| n as u32),
+        vote: u32::from(tables.settings.effects.slice.boundary == Boundary::Vote),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        unused: [0; 2],
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let reader = LabelReader::<T>::new(tables);
+    let samples = tables.samples();
+    let echo: [T; 256] = std::array::from_fn(|label| T::of(tables.label_rows.get(label).map_or(0.0, |row| f64::from(row.echo))));
+    store
+        .position
+        .par_chunks(samples)
+        .zip(store.label.par_chunks_mut(samples))
+        .zip(store.amplitude.par_chunks_mut(samples))
+        .for_each(|((positions, labels), amplitudes)| {
+            for ((position, label), amplitude) in positions.iter().zip(labels).zip(amplitudes) {
+                *label = if position[3] == T::one() { 0 } else { reader.at([position[0], position[1], position[2]]) };
+                *amplitude = echo[usize::from(*label)];
+            }
+        });
+}
+
+/// Reads labels at world positions.
+pub struct LabelReader<'a, T> {
+    voxels: &'a [u8],
+    size: [usize; 3],
+    world_to_index: [[T; 4]; 3],
+    vote: bool,
+}
+
+impl<'a, T: Real> LabelReader<'a, T> {
+    /// A reader of the scene's volume.
+    pub fn new(tables: &'a Tables) -> Self {
+        Self {
+            voxels: tables.volume.voxels(),
+            size: tables.volume.size(),
+            world_to_index: rows(tables.volume.world_to_index()),
+            vote: tables.settings.effects.slice.boundary == Boundary::Vote,
+        }
+    }
+
+    /// Continuous voxel index of a world position.
+    #[inline(always)]
+    pub fn index(&self, position: [T; 3]) -> [T; 3] {
+        self.world_to_index.map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
+    }
+
+    /// Label index at a world position; 0 outside the volume.
+    #[inline(always)]
+    pub fn at(&self, position: [T; 3]) -> u8 {
+        let index = self.index(position);
+        let half = T::of(0.5);
+        let shifted = index.map(|x| x + half);
+        for axis in 0..3 {
+            if !(shifted[axis] >= T::zero() && shifted[axis] < T::of(self.size[axis] as f64)) {
+                return 0;
+            }
+        }
+        if self.vote { self.vote(index) } else { self.nearest(shifted) }
+    }
+
+    #[inline(always)]
+    fn nearest(&self, shifted: [T; 3]) -> u8 {
+        let [i, j, k] = shifted.map(|x| x.to_usize().unwrap_or(0));
+        self.voxels[i + self.size[0] * (j + self.size[1] * k)]
+    }
+
+    #[inline(always)]
+    fn vote(&self, index: [T; 3]) -> u8 {
+        // Shifting by one keeps the truncation a floor: indices start at -0.5.
+        let base = index.map(|x| (x + T::one()).to_i32().unwrap_or(0) - 1);
+        let inside = (0..3).all(|axis| base[axis] >= 0 && (base[axis] as usize) + 1 < self.size[axis]);
+        let mut labels = [0u8; 8];
+        if inside {
+            let (row, slab) = (self.size[0], self.size[0] * self.size[1]);
+            let first = base[0] as usize + row * base[1] as usize + slab * base[2] as usize;
+            for (corner, label) in labels.iter_mut().enumerate() {
+                *label = self.voxels[first + (corner & 1) + row * (corner >> 1 & 1) + slab * (corner >> 2)];
+            }
+        } else {
+            for (corner, label) in labels.iter_mut().enumerate() {
+                *label = self.clamped([
+                    base[0] + (corner & 1) as i32,
+                    base[1] + (corner >> 1 & 1) as i32,
+                    base[2] + (corner >> 2) as i32,
+                ]);
+            }
+        }
+        if labels == [labels[0]; 8] {
+            return labels[0];
+        }
+        let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::of(f64::from(base[axis])));
+        majority(labels, fraction)
+    }
+
+    #[inline(always)]
+    fn clamped(&self, voxel: [i32; 3]) -> u8 {
+        let [i, j, k]: [usize; 3] = std::array::from_fn(|axis| (voxel[axis].max(0) as usize).min(self.size[axis] - 1));
+        self.voxels[i + self.size[0] * (j + self.size[1] * k)]
+    }
+}
+
+/// The label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.
+#[inline(always)]
+pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
+    let weight = |corner: usize, axis: usize| {
+        if corner >> axis & 1 == 1 { fraction[axis] } else { T::one() - fraction[axis] }
+    };
+    let weights: [T; 8] = std::array::from_fn(|c| weight(c, 0) * weight(c, 1) * weight(c, 2));
+    let (mut best, mut best_share) = (labels[0], T::zero());
+    for candidate in labels {
+        let mut share = T::zero();
+        for corner in 0..8 {
+            if labels[corner] == candidate {
+                share += weights[corner];
+            }
+        }
+        if share > best_share || (share == best_share && candidate < best) {
+            (best, best_share) = (candidate, share);
+        }
+    }
+    best
+}

@@ -1,0 +1,481 @@
+//! Speckle: fully developed, anchored in the tissue.
+//!
+//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, each a complex random number
+//! from a hash of its lattice point. A sample interpolates the eight around its reference position, weighted by its echo
+//! amplitude; the point spread of the probe then acts in the beam frame as a separable convolution: across the plane
+//! (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The
+//! envelope is the modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over
+//! standard deviation 1.91; Wagner et al., IEEE Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the
+//! reference state the pattern moves with the tissue. It is the speckle model that paper 1 stands in for by noise.
+//!
+//! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH, gaussian};
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, OutOfRange, Verdict, within};
+use crate::random::{hash3, seed_words};
+use crate::real::{Numbers, Real};
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use crate::tracking::probe::BeamGrid;
+
+/// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity: what
+/// one measures on a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Speckle {
+    /// Along the beam, mm (0.05 to 10).
+    pub axial_mm: f64,
+    /// Across scanlines at the focus, mm (0.05 to 20).
+    pub lateral_mm: f64,
+    /// Out of the plane, mm (0.05 to 20).
+    pub elevational_mm: f64,
+    /// Depth of the lateral focus, mm (0 to 1000); none is half the imaging depth.
+    pub focus_mm: Option<f64>,
+    /// Distance from the focus at which the lateral length has grown by sqrt 2, mm (1 to 10000): the Rayleigh length of a
+    /// Gaussian beam.
+    pub focal_zone_mm: f64,
+}
+
+impl Default for Speckle {
+    fn default() -> Self {
+        Self { axial_mm: 0.8, lateral_mm: 1.5, elevational_mm: 1.6, focus_mm: None, focal_zone_mm: 50.0 }
+    }
+}
+
+impl Speckle {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        within("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
+        within("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
+        within("speckle.elevational_mm", self.elevational_mm, 0.05..=20.0)?;
+        within("speckle.focus_mm", self.focus_mm.unwrap_or(0.0), 0.0..=1000.0)?;
+        within("speckle.focal_zone_mm", self.focal_zone_mm, 1.0..=10_000.0)
+    }
+
+    fn lateral_at(&self, depth_mm: f64, imaging_depth_mm: f64) -> f64 {
+        let away = (depth_mm - self.focus_mm.unwrap_or(imaging_depth_mm / 2.0)) / self.focal_zone_mm;
+        self.lateral_mm * (1.0 + away * away).sqrt()
+    }
+}
+
+/// What the speckle of a probe at one setting needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpeckleTables {
+    /// Distance between lattice points, mm.
+    pub lattice_mm: f64,
+    /// Fine scanlines to each scanline.
+    pub oversampling: usize,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f64,
+    /// Weights of the sub-planes, from the most negative elevation to the most positive.
+    pub planes: Vec<f64>,
+    /// Weights along the beam.
+    pub axial: Numbers,
+    /// Weights across fine scanlines.
+    pub lateral: LateralKernel,
+}
+
+/// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
+/// takes 3/8 of the spread's variance (h^2 / 6), which the kernels then leave out.
+const LATTICE_PER_SIGMA: f64 = 1.5;
+
+/// Sub-planes lie this many lattice distances apart.
+const PLANES_APART: f64 = 1.5;
+
+/// Most sub-planes that the uniform block holds.
+const MAX_PLANES: usize = 8;
+
+/// Most fine scanlines to a scanline.
+const MAX_OVERSAMPLING: usize = 4;
+
+/// Widest axial kernel to each side, in samples.
+const MAX_AXIAL_REACH: usize = 64;
+
+/// Scanlines further apart than this many lattice distances are refined.
+const COARSEST: f64 = 1.4;
+
+impl SpeckleTables {
+    /// Computes lattice, kernels and scales for a probe.
+    pub fn new(speckle: &Speckle, grid: &BeamGrid) -> Self {
+        let shortest = speckle.axial_mm.min(speckle.lateral_mm).min(speckle.elevational_mm) / FWHM_PER_SIGMA;
+        let lattice_mm = LATTICE_PER_SIGMA * shortest;
+        let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
+        // What is left for a kernel once the interpolation of the lattice has had its share of the variance.
+        let left = |length_mm: f64| {
+            let sigma = length_mm / FWHM_PER_SIGMA;
+            (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
+        };
+
+        let plane_mm = PLANES_APART * lattice_mm;
+        let elevational = left(speckle.elevational_mm) / plane_mm;
+        let reach = ((1.5 * elevational).round() as usize).min((MAX_PLANES - 1) / 2);
+        let planes = unit_power(gaussian(elevational, reach), |steps| correlation(steps * plane_mm));
+
+        let sample_mm = grid.sample_mm();
+        let axial_sigma = left(speckle.axial_mm) / sample_mm;
+        let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
+        let axial = unit_power(gaussian(axial_sigma, axial_reach), |steps| correlation(steps * sample_mm));
+
+        let widest = grid.line_spacing_mm(grid.depth_mm()).max(grid.line_spacing_mm(0.0));
+        let oversampling = if grid.lines() == 1 {
+            1
+        } else {
+            ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
+        };
+        let fine_mm = |sample: usize| {
+            (grid.line_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6)
+        };
+        let sigma = |sample: usize| {
+            let asked = left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm()));
+            // A kernel cut short at its widest reach keeps a Gaussian's shape if its width stays below a third of it.
+            (asked / fine_mm(sample)).min(MAX_REACH as f64 / 3.0)
+        };
+        let scale = |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
+        let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
+        Self { lattice_mm, oversampling, plane_mm, planes, axial: Numbers::new(axial), lateral }
+    }
+
+    /// Fine scanlines.
+    pub fn fine_lines(&self, lines: usize) -> usize {
+        (lines - 1) * self.oversampling + 1
+    }
+
+    fn axial_reach(&self) -> usize {
+        self.axial.of::<f64>().len() / 2
+    }
+}
+
+/// Correlation of the linearly interpolated lattice at a distance in lattice steps: the cubic B-spline, the triangle
+/// function convolved with itself, over its middle value.
+pub fn lattice_correlation(steps: f64) -> f64 {
+    let d = steps.abs();
+    if d < 1.0 {
+        1.0 - 1.5 * d * d + 0.75 * d * d * d
+    } else if d < 2.0 {
+        0.25 * (2.0 - d).powi(3)
+    } else {
+        0.0
+    }
+}
+
+/// Mean power of a weighted sum of values of unit power with a given correlation.
+fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
+    let by_distance: Vec<f64> = (0..weights.len()).map(|steps| correlation(steps as f64)).collect();
+    let row = |i: usize| -> f64 { weights.iter().enumerate().map(|(j, w)| w * by_distance[i.abs_diff(j)]).sum() };
+    weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
+}
+
+fn unit_power(weights: Vec<f64>, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
+    let scale = 1.0 / power(&weights, correlation).sqrt();
+    weights.into_iter().map(|weight| weight * scale).collect()
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect { name: "speckle", wanted, passes: |_| PASSES };
+
+const SHADER: &str = concat!(include_str!("../../shaders/common/hash.wgsl"), include_str!("../../shaders/speckle.wgsl"));
+
+static PASSES: &[Pass] = &[
+    Pass {
+        name: "speckle_scatter",
+        shader: SHADER,
+        entry: "scatter_pass",
+        bindings: &[(Position, Read), (Amplitude, Read), (Scatter, Write)],
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+        flips: false,
+        cpu: scatter::<f32>,
+        cpu_f64: scatter::<f64>,
+    },
+    Pass {
+        name: "speckle_axial",
+        shader: SHADER,
+        entry: "axial_pass",
+        bindings: &[(Scatter, Read), (AxialKernel, Read), (ScatterAxial, Write)],
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+        flips: false,
+        cpu: axial::<f32>,
+        cpu_f64: axial::<f64>,
+    },
+    Pass {
+        name: "speckle_lateral",
+        shader: SHADER,
+        entry: "lateral_pass",
+        bindings: &[(ScatterAxial, Read), (LateralKernel, Read), (Amplitude, Write)],
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        flips: false,
+        cpu: lateral::<f32>,
+        cpu_f64: lateral::<f64>,
+    },
+];
+
+fn fine_lines(tables: &Tables) -> usize {
+    tables.speckle.as_ref().map_or(1, |speckle| speckle.fine_lines(tables.lines()))
+}
+
+fn wanted(tables: &Tables) -> Verdict {
+    match (&tables.settings.effects.speckle, &tables.speckle) {
+        (Some(own), Some(derived)) => Ok(format!(
+            "speckle of {} by {} by {} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
+            own.axial_mm,
+            own.lateral_mm,
+            own.elevational_mm,
+            derived.lattice_mm,
+            derived.planes.len(),
+            derived.oversampling
+        )),
+        _ => Err("the scene names no speckle".into()),
+    }
+}
+
+/// Uniform block of `speckle.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Out-of-plane direction in the world; the fourth component is unused.
+    pub elevation: [f32; 4],
+    /// Weights of the sub-planes.
+    pub planes: [[f32; 4]; 2],
+    /// Seed.
+    pub seed: [u32; 2],
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Fine scanlines to each scanline.
+    pub oversampling: u32,
+    /// Sub-planes.
+    pub plane_count: u32,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f32,
+    /// Lattice points per mm.
+    pub per_mm: f32,
+    /// Samples on each side of the axial kernel.
+    pub axial_reach: u32,
+    /// Fine scanlines on each side of the lateral kernel.
+    pub lateral_reach: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: [u32; 2],
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let Some(own) = &tables.speckle else { return ParamBlock::of(&Params::zeroed()) };
+    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);
+    ParamBlock::of(&Params {
+        elevation: [elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0],
+        planes: [0, 4].map(|at| [plane(at), plane(at + 1), plane(at + 2), plane(at + 3)]),
+        seed: seed_words(tables.settings.seed),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        oversampling: own.oversampling as u32,
+        plane_count: own.planes.len() as u32,
+        plane_mm: own.plane_mm as f32,
+        per_mm: (1.0 / own.lattice_mm) as f32,
+        axial_reach: own.axial_reach() as u32,
+        lateral_reach: own.lateral.reach as u32,
+        unused: [0; 2],
+    })
+}
+
+/// Samples worked on together, so that the inner loops run in vector registers.
+const BLOCK: usize = 64;
+
+fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let lattice = Lattice {
+        seed: seed_words(tables.settings.seed),
+        per_mm: T::of(1.0 / own.lattice_mm),
+        step: [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm)),
+        planes: std::array::from_fn(|plane| T::of(own.planes.get(plane).copied().unwrap_or(0.0))),
+        count: own.planes.len(),
+    };
+    let positions = &store.position[..lines * samples];
+    let amplitudes = &store.amplitude[..lines * samples];
+    // A fine scanline holds its real parts, then its imaginary parts.
+    store.scatter.par_chunks_mut(2 * samples).enumerate().for_each(|(fine, echoes)| {
+        let line = fine / own.oversampling;
+        let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+        let next = (line + 1).min(lines - 1);
+        let nearest = (line + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0)).min(lines - 1);
+        let (a, b) = (&positions[line * samples..][..samples], &positions[next * samples..][..samples]);
+        let amplitudes = &amplitudes[nearest * samples..][..samples];
+        let (re, im) = echoes.split_at_mut(samples);
+        crate::synth::vectorised(|| {
+            for start in (0..samples).step_by(BLOCK) {
+                let end = (start + BLOCK).min(samples);
+                let mut at = [[T::zero(); BLOCK]; 3];
+                for axis in 0..3 {
+                    for i in start..end {
+                        at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                    }
+                }
+                lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
+            }
+        });
+    });
+}
+
+/// The scatterers, seen across the plane.
+pub struct Lattice<T> {
+    /// Seed.
+    pub seed: [u32; 2],
+    /// Lattice points per mm.
+    pub per_mm: T,
+    /// From one sub-plane to the next, mm.
+    pub step: [T; 3],
+    /// Weights of the sub-planes.
+    pub planes: [T; MAX_PLANES],
+    /// Sub-planes.
+    pub count: usize,
+}
+
+impl<T: Real> Lattice<T> {
+    /// Complex echoes at up to [`BLOCK`] positions.
+    #[inline(always)]
+    fn block(&self, at: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
+        let (mut sum_re, mut sum_im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        let middle = T::of((self.count - 1) as f64 / 2.0);
+        for plane in 0..self.count {
+            let offset = self.step.map(|step| step * (T::of(plane as f64) - middle));
+            let weight = self.planes[plane];
+            for i in 0..BLOCK {
+                let p = [0, 1, 2].map(|axis| (at[axis][i] + offset[axis]) * self.per_mm);
+                let (a, b) = scatterer(p, self.seed);
+                sum_re[i] += weight * a;
+                sum_im[i] += weight * b;
+            }
+        }
+        for i in 0..amplitudes.len() {
+            re[i] = amplitudes[i] * sum_re[i];
+            im[i] = amplitudes[i] * sum_im[i];
+        }
+    }
+}
+
+/// Complex value of unit mean power at a position in lattice units.
+#[inline(always)]
+pub fn scatterer<T: Real>(p: [T; 3], seed: [u32; 2]) -> (T, T) {
+    let base = p.map(floor);
+    let f: [T; 3] = std::array::from_fn(|axis| p[axis] - T::of(f64::from(base[axis])));
+    let g = f.map(|x| T::one() - x);
+    let (mut re, mut im) = (T::zero(), T::zero());
+    for corner in 0..8 {
+        let bit = |axis: usize| corner >> axis & 1;
+        let words = hash3([base[0] + bit(0), base[1] + bit(1), base[2] + bit(2)], seed);
+        let side = |axis: usize| if bit(axis) == 1 { f[axis] } else { g[axis] };
+        let weight = side(0) * side(1) * side(2);
+        re += weight * centred(words[0]);
+        im += weight * centred(words[1]);
+    }
+    let square = |axis: usize| f[axis] * f[axis] + g[axis] * g[axis];
+    let scale = T::of(UNIFORM_TO_UNIT) / (square(0) * square(1) * square(2)).sqrt();
+    (re * scale, im * scale)
+}
+
+/// Two uniform numbers of width 65,536 as the parts of a complex number of unit power: sqrt(12 / 2) / 65,536.
+const UNIFORM_TO_UNIT: f64 = 2.449_489_742_783_178 / 65_536.0;
+
+/// Upper half of a word, centred on zero.
+#[inline(always)]
+fn centred<T: Real>(word: u32) -> T {
+    T::from_signed((word >> 16) as i32 - 32_768) + T::of(0.5)
+}
+
+/// Largest integer not above `x`, for |x| below 2^31.
+#[inline(always)]
+fn floor<T: Real>(x: T) -> i32 {
+    let cut = x.truncate();
+    cut - i32::from(x < T::from_signed(cut))
+}
+
+fn axial<T: Real>(view: &View, store: &mut Store<T>) {
+    let Some(own) = &view.tables.speckle else { return };
+    let samples = view.tables.samples();
+    let weights = own.axial.of::<T>();
+    let input = &store.scatter;
+    store.scatter_axial.par_chunks_mut(samples).enumerate().for_each(|(part, output)| {
+        crate::synth::vectorised(|| along(&input[part * samples..][..samples], weights, output));
+    });
+}
+
+/// Convolution along a scanline; nothing lies beyond its ends.
+#[inline(always)]
+fn along<T: Real>(input: &[T], weights: &[T], output: &mut [T]) {
+    let samples = input.len();
+    let reach = weights.len() / 2;
+    output.fill(T::zero());
+    for (tap, &weight) in weights.iter().enumerate() {
+        // output[i] += weight * input[i + tap - reach]
+        let (from, to) = (reach.saturating_sub(tap), (samples + reach).saturating_sub(tap).min(samples));
+        if from >= to {
+            continue;
+        }
+        let source = &input[from + tap - reach..to + tap - reach];
+        for (out, &value) in output[from..to].iter_mut().zip(source) {
+            *out += weight * value;
+        }
+    }
+}
+
+fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let fine_lines = own.fine_lines(lines);
+    let weights = own.lateral.weights.of::<T>();
+    let input = &store.scatter_axial;
+    store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate().for_each(|(line, output)| {
+        let centre = line * own.oversampling;
+        crate::synth::vectorised(|| envelope(input, centre, fine_lines, own.lateral.reach, weights, output));
+    });
+}
+
+/// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it
+/// keeps the power of the whole.
+#[inline(always)]
+fn envelope<T: Real>(input: &[T], centre: usize, fine_lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
+    let samples = output.len();
+    let first = centre.saturating_sub(reach);
+    let last = (centre + reach).min(fine_lines - 1);
+    let whole = last - first == 2 * reach;
+    for start in (0..samples).step_by(BLOCK) {
+        let end = (start + BLOCK).min(samples);
+        let (mut re, mut im, mut kept) = ([T::zero(); BLOCK], [T::zero(); BLOCK], [T::zero(); BLOCK]);
+        for fine in first..=last {
+            let weights = &weights[(fine + reach - centre) * samples..][start..end];
+            let real = &input[2 * fine * samples..][start..end];
+            let imaginary = &input[(2 * fine + 1) * samples..][start..end];
+            for i in 0..end - start {
+                re[i] += weights[i] * real[i];
+                im[i] += weights[i] * imaginary[i];
+                kept[i] += weights[i] * weights[i];
+            }
+        }
+        for i in 0..end - start {
+            output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
+        }
+        if !whole {
+            for i in 0..end - start {
+                let mut all = T::zero();
+                for tap in 0..=2 * reach {
+                    let weight = weights[tap * samples + start + i];
+                    all += weight * weight;
+                }
+                output[start + i] *= (all / kept[i]).sqrt();
+            }
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Warp: from where a sample is now to where its tissue was in the reference state (paper 1, section 2.2).
+//!
+//! Every later look-up, of labels, textures and scatterers, happens in the reference state. See
+//! [`crate::mechanics::mesh::map`] for the point location and what happens outside the mesh.
+
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, Verdict};
+use crate::mechanics::mesh::map::map_lines;
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+
+/// Registration.
+pub const EFFECT: Effect = Effect { name: "warp", wanted, passes: |_| PASSES };
+
+static PASSES: &[Pass] = &[Pass {
+    name: "warp",
+    shader: include_str!("../../shaders/warp.wgsl"),
+    entry: "main",
+    bindings: &[
+        (Position, Write),
+        (Element, Write),
+        (ElementMaps, Read),
+        (Adjacency, Read),
+        (CellStarts, Read),
+        (CellElements, Read),
+    ],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.anatomy.mesh {
+        Some(mesh) => Ok(format!(
+            "a mesh of {} nodes and {} tetrahedra deforms the tissue",
+            mesh.nodes().len(),
+            mesh.elements().len()
+        )),
+        None => Err("no tissue model deforms: world and reference state are the same".into()),
+    }
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    todo_params(view)
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let samples = view.tables.samples();
+    if let Some((deformed, reference)) = &store.locators {
+        map_lines(deformed, reference, samples, &mut store.position, &mut store.element);
+    }
+}

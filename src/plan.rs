@@ -1,0 +1,154 @@
+//! From a scene to the passes and resources that it calls for, each with its reason.
+//!
+//! The plan decides nothing by itself: every effect of the registry says whether the scene calls for it. What a plan does
+//! not list is not built: no pipeline, no buffer, no dispatch.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::effects::REGISTRY;
+use crate::effects::pass::{Band, Pass, Resource};
+use crate::synth::tables::Tables;
+
+/// One pass of a plan.
+pub struct PlannedPass {
+    /// Its declaration.
+    pub pass: &'static Pass,
+    /// The effect that it belongs to.
+    pub effect: &'static str,
+    /// Why the scene calls for it.
+    pub reason: String,
+}
+
+/// An effect that the scene does without.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Omitted {
+    /// Its name.
+    pub name: &'static str,
+    /// Why.
+    pub reason: String,
+}
+
+/// One resource and its size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct PlannedResource {
+    /// Which.
+    pub resource: Resource,
+    /// Bytes on the GPU.
+    pub bytes: u64,
+}
+
+/// What a frame of a scene is made of.
+pub struct Plan {
+    /// Passes in order.
+    pub passes: Vec<PlannedPass>,
+    /// Effects that the scene does without.
+    pub without: Vec<Omitted>,
+    /// What the passes bind.
+    pub resources: Vec<PlannedResource>,
+}
+
+impl Plan {
+    /// The plan of a scene.
+    pub fn new(tables: &Tables) -> Self {
+        let (mut passes, mut without) = (Vec::new(), Vec::new());
+        for effect in REGISTRY {
+            match (effect.wanted)(tables) {
+                Ok(reason) => passes.extend((effect.passes)(tables).iter().map(|pass| PlannedPass {
+                    pass,
+                    effect: effect.name,
+                    reason: reason.clone(),
+                })),
+                Err(reason) => without.push(Omitted { name: effect.name, reason }),
+            }
+        }
+        let used: BTreeSet<Resource> = passes.iter().flat_map(|planned| planned.pass.bindings).map(|&(resource, _)| resource).collect();
+        let resources =
+            used.into_iter().map(|resource| PlannedResource { resource, bytes: tables.bytes(resource) }).collect();
+        Self { passes, without, resources }
+    }
+
+    /// Whether any pass binds a resource.
+    pub fn uses(&self, resource: Resource) -> bool {
+        self.resources.iter().any(|planned| planned.resource == resource)
+    }
+
+    /// Whether the scene calls for an effect.
+    pub fn has(&self, effect: &str) -> bool {
+        self.passes.iter().any(|planned| planned.effect == effect)
+    }
+
+    /// Bytes of all resources.
+    pub fn bytes(&self) -> u64 {
+        self.resources.iter().map(|planned| planned.bytes).sum()
+    }
+
+    /// Bands of rows in which no per-pixel resource exceeds `binding_bytes`.
+    pub fn bands(&self, tables: &Tables, binding_bytes: u64) -> Vec<Band> {
+        let largest = self.resources.iter().filter(|planned| planned.resource.is_per_pixel()).map(|planned| planned.bytes).max();
+        let per_row = largest.unwrap_or(0).div_ceil(tables.height() as u64).max(1);
+        let rows = (binding_bytes / per_row).clamp(1, MAX_BAND_ROWS) as usize;
+        (0..tables.height())
+            .step_by(rows)
+            .map(|first| Band { first_row: first as u32, rows: rows.min(tables.height() - first) as u32 })
+            .collect()
+    }
+
+    /// The plan as plain data, for JSON.
+    pub fn report(&self) -> PlanReport {
+        let named = |planned: &PlannedPass| NamedPass { name: planned.pass.name, effect: planned.effect, reason: planned.reason.clone() };
+        PlanReport {
+            passes: self.passes.iter().map(named).collect(),
+            without: self.without.clone(),
+            resources: self.resources.clone(),
+            bytes: self.bytes(),
+        }
+    }
+}
+
+/// Most workgroups along one dimension in WebGPU's default limits; a band has one a row.
+const MAX_BAND_ROWS: u64 = 65_535;
+
+/// One pass in a report.
+#[derive(Clone, Debug, Serialize)]
+pub struct NamedPass {
+    /// Its name.
+    pub name: &'static str,
+    /// The effect that it belongs to.
+    pub effect: &'static str,
+    /// Why the scene calls for it.
+    pub reason: String,
+}
+
+/// A plan as plain data.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlanReport {
+    /// Passes in order.
+    pub passes: Vec<NamedPass>,
+    /// Effects that the scene does without.
+    pub without: Vec<Omitted>,
+    /// What the passes bind.
+    pub resources: Vec<PlannedResource>,
+    /// Bytes of all resources.
+    pub bytes: u64,
+}
+
+impl fmt::Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "Passes")?;
+        for pass in &self.passes {
+            writeln!(f, "  {:<16} {}", pass.name, pass.reason)?;
+        }
+        writeln!(f, "Without")?;
+        for omitted in &self.without {
+            writeln!(f, "  {:<16} {}", omitted.name, omitted.reason)?;
+        }
+        writeln!(f, "Resources")?;
+        for planned in &self.resources {
+            writeln!(f, "  {:<16} {:>12} bytes", format!("{:?}", planned.resource), planned.bytes)?;
+        }
+        write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)
+    }
+}

@@ -1,0 +1,104 @@
+//! The working memory of the CPU backend: one vector a resource of the plan, none for what the plan does without.
+
+use nalgebra::Matrix4;
+
+use super::tables::Tables;
+use crate::effects::needle::MAX_SEGMENTS;
+use crate::effects::pass::Resource;
+use crate::mechanics::mesh::Locator;
+use crate::plan::Plan;
+use crate::real::Real;
+
+/// Vectors that passes read and write, scanline by scanline. See [`Resource`] for what each holds.
+#[derive(Debug, Default)]
+pub struct Store<T> {
+    /// [`Resource::Position`].
+    pub position: Vec<[T; 4]>,
+    /// [`Resource::Element`].
+    pub element: Vec<u32>,
+    /// Locators of the deformed and the reference mesh.
+    pub locators: Option<(Locator<T>, Locator<T>)>,
+    /// [`Resource::Label`], a byte each.
+    pub label: Vec<u8>,
+    /// [`Resource::Amplitude`].
+    pub amplitude: Vec<T>,
+    /// [`Resource::AmplitudeNext`].
+    pub amplitude_next: Vec<T>,
+    /// [`Resource::Scatter`]: for each fine scanline its real parts, then its imaginary parts.
+    pub scatter: Vec<T>,
+    /// [`Resource::ScatterAxial`], likewise.
+    pub scatter_axial: Vec<T>,
+    /// [`Resource::Needle`]: start and end of each segment in the probe frame.
+    pub segments: Vec<[[f64; 4]; 2]>,
+    /// [`Resource::NeedleMask`].
+    pub needle_mask: Vec<T>,
+    /// [`Resource::Loss`].
+    pub loss: Vec<u32>,
+    /// [`Resource::Image`].
+    pub image: Vec<T>,
+    /// [`Resource::Pixels`], a byte each.
+    pub pixels: Vec<u8>,
+}
+
+impl<T: Real> Store<T> {
+    /// Gives every resource of the plan its memory and takes it from the others. Keeps what has the right size.
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
+        let beam = tables.lines() * tables.samples();
+        let pixels = tables.width() * tables.height();
+        let fine = tables.speckle.as_ref().map_or(0, |speckle| 2 * speckle.fine_lines(tables.lines()) * tables.samples());
+        let count = |resource: Resource, n: usize| if plan.uses(resource) { n } else { 0 };
+        let all = beam * tables.planes();
+        resize(&mut self.position, count(Resource::Position, all), [T::zero(); 4]);
+        resize(&mut self.element, count(Resource::Element, all), u32::MAX);
+        resize(&mut self.label, count(Resource::Label, all), 0);
+        resize(&mut self.amplitude, count(Resource::Amplitude, all), T::zero());
+        resize(&mut self.amplitude_next, count(Resource::AmplitudeNext, beam), T::zero());
+        resize(&mut self.scatter, count(Resource::Scatter, fine), T::zero());
+        resize(&mut self.scatter_axial, count(Resource::ScatterAxial, fine), T::zero());
+        resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), T::zero());
+        resize(&mut self.loss, count(Resource::Loss, beam), 0);
+        resize(&mut self.image, count(Resource::Image, pixels), T::zero());
+        resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
+        self.segments.reserve_exact(count(Resource::Needle, MAX_SEGMENTS));
+        match (&tables.anatomy.mesh, plan.uses(Resource::Element)) {
+            (Some(mesh), true) if self.locators.is_none() => {
+                let locator = Locator::new(mesh);
+                self.locators = Some((locator.clone(), locator));
+            }
+            (Some(_), true) => {}
+            _ => self.locators = None,
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let scalars = self.amplitude.capacity()
+            + self.amplitude_next.capacity()
+            + self.scatter.capacity()
+            + self.scatter_axial.capacity()
+            + self.needle_mask.capacity()
+            + self.image.capacity();
+        scalars * size_of::<T>()
+            + self.position.capacity() * size_of::<[T; 4]>()
+            + (self.element.capacity() + self.loss.capacity()) * size_of::<u32>()
+            + self.label.capacity()
+            + self.pixels.capacity()
+            + self.segments.capacity() * size_of::<[[f64; 4]; 2]>()
+    }
+}
+
+fn resize<V: Clone>(vector: &mut Vec<V>, len: usize, fill: V) {
+    if vector.len() != len {
+        *vector = vec![fill; len];
+    }
+}
+
+/// The world position of a sample, before any warp.
+pub fn world_position(tables: &Tables, probe_to_world: &Matrix4<f64>, line: usize, sample: usize) -> [f64; 3] {
+    let mut position = [[0.0; 4]];
+    let [ox, oy, dx, dy] = tables.rays[line];
+    let s = (sample as f64 + 0.5) * tables.sample_mm();
+    let point = probe_to_world.transform_point(&nalgebra::Point3::new(ox + dx * s, oy + dy * s, 0.0));
+    position[0][..3].copy_from_slice(point.coords.as_slice());
+    [position[0][0], position[0][1], position[0][2]]
+}
