@@ -60,13 +60,13 @@ pub mod texture_out;
 pub mod timing;
 pub mod uniforms;
 
-pub use adapter::{AdapterChoice, AdapterReport};
+pub use adapter::{AdapterChoice, AdapterLimits, AdapterReport};
 pub use buffer::StorageBuffer;
-pub use device::{Gpu, Needs};
+pub use device::{Faults, Gpu, Needs};
 pub use error::GpuError;
 pub use pass::{Access, PassSource, Pipeline};
 pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};
 pub use texture_out::{TextureOut, row_stride};
-pub use timing::{Timer, Timings};
+pub use timing::{PassTime, Timer, Timings};
 pub use uniforms::Uniforms;

@@ -8,8 +8,8 @@ use super::adapter::{self, AdapterChoice, AdapterReport};
 use super::error::check_limit;
 use super::{GpuError, Recorder};
 
-/// How long the CPU waits for the GPU: far above any pass, and short enough to tell a hung driver from a slow one.
-/// Windows gives a GPU 2 s before it resets it; software Vulkan on a busy machine needs more.
+/// How long the CPU waits for the GPU unless told otherwise: Windows gives a GPU 2 s before it resets it, software
+/// Vulkan on a busy machine needs more.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What a device must offer beyond wgpu's default limits; zero asks for the default.
@@ -56,6 +56,7 @@ pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: Faults,
+    patience: Duration,
 }
 
 impl Gpu {
@@ -90,6 +91,7 @@ impl Gpu {
             device,
             queue,
             faults,
+            patience: PATIENCE,
         })
     }
 
@@ -108,6 +110,7 @@ impl Gpu {
             device,
             queue,
             faults: Faults::default(),
+            patience: PATIENCE,
         })
     }
 
@@ -174,12 +177,14 @@ impl Gpu {
         })
     }
 
-    /// Waits until all that was submitted is done.
-    pub fn wait(&self, what: &str) -> Result<(), GpuError> {
-        self.wait_at_most(what, PATIENCE)
+    /// How long to wait for the GPU before a [`GpuError::Timeout`]; 60 s unless set.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.patience = patience;
     }
 
-    pub(super) fn wait_at_most(&self, what: &str, patience: Duration) -> Result<(), GpuError> {
+    /// Waits until all that was submitted is done; `what` names it in errors.
+    pub fn wait(&self, what: &str) -> Result<(), GpuError> {
+        let patience = self.patience;
         let wait = wgpu::PollType::Wait {
             submission_index: None,
             timeout: Some(patience),
@@ -265,7 +270,7 @@ impl Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{Readback, StorageBuffer, testing};
+    use crate::gpu::{PassSource, Pipeline, Readback, StorageBuffer, testing};
 
     #[test]
     fn limits_are_the_defaults_raised_only_where_needed() {
@@ -378,6 +383,13 @@ mod tests {
     }
 
     #[test]
+    fn a_device_can_be_shared_by_threads() {
+        fn shared<T: Send + Sync>() {}
+        shared::<Gpu>();
+        shared::<GpuError>();
+    }
+
+    #[test]
     fn an_uncaptured_error_is_kept_until_asked_for_and_then_gone() {
         let Some(gpu) = testing::open() else { return };
         let nonsense = wgpu::BufferDescriptor {
@@ -419,6 +431,18 @@ mod tests {
         ));
 
         let gpu = Gpu::from_host(device.clone(), queue, &Needs::default()).unwrap();
+        let broken = PassSource {
+            label: "broken",
+            source: "fn",
+            entry: "broken",
+            storage: &[],
+            constants: &[],
+        };
+        assert!(matches!(Pipeline::new(&gpu, &broken), Err(GpuError::Shader { .. })));
+        let misaligned = StorageBuffer::zeroed(&gpu, "misaligned", 8)
+            .unwrap()
+            .write(&gpu, 2, &[0_u32]);
+        assert!(matches!(misaligned, Err(GpuError::Validation { .. })));
         assert!(!gpu.has_timestamps(), "the host asked for no feature");
         let values = StorageBuffer::upload(&gpu, "values", &[7_u32]).unwrap();
         let mut readback = Readback::new(&gpu, "values", 4).unwrap();

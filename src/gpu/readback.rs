@@ -134,8 +134,10 @@ impl Readback {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
-    use crate::gpu::{StorageBuffer, testing};
+    use crate::gpu::{Access, Dispatch, PassSource, Pipeline, StorageBuffer, Uniforms, testing};
 
     fn filled(gpu: &Gpu, bytes: usize) -> Readback {
         let data: Vec<u8> = (0..bytes).map(|i| i as u8).collect();
@@ -168,6 +170,47 @@ mod tests {
             readback.read(&gpu, &mut found).unwrap();
             assert_eq!(found, [expected]);
         }
+    }
+
+    #[test]
+    fn a_wait_too_long_is_a_timeout_after_which_reading_works_again() {
+        let Some(gpu) = testing::open() else { return };
+        let pass = PassSource {
+            label: "spin",
+            source: "@group(0) @binding(1) var<storage, read_write> out: array<u32>;
+                @compute @workgroup_size(1) fn spin() {
+                    var x = out[0];
+                    for (var i = 0u; i < 20000000u; i++) { x = x * 1664525u + 1013904223u; }
+                    out[0] = x | 1u;
+                }",
+            entry: "spin",
+            storage: &[Access::ReadWrite],
+            constants: &[],
+        };
+        let pipeline = Pipeline::new(&gpu, &pass).unwrap();
+        let uniforms = Uniforms::new(&gpu, "none", 1).unwrap();
+        let out = StorageBuffer::zeroed(&gpu, "out", 4).unwrap();
+        let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+        let mut readback = Readback::new(&gpu, "out", 4).unwrap();
+        gpu.submit("spin", |recorder| {
+            let dispatch = Dispatch {
+                pipeline: &pipeline,
+                bindings: &bindings,
+                slot: 0,
+                workgroups: [1, 1, 1],
+            };
+            recorder.run("spin", [dispatch])?;
+            recorder.read_back(&out, &readback)
+        })
+        .unwrap();
+
+        let mut found = [0_u32];
+        let mut hasty = gpu.clone();
+        hasty.set_patience(Duration::ZERO);
+        let result = readback.read(&hasty, &mut found);
+        assert!(matches!(result, Err(GpuError::Timeout { .. })), "{result:?}");
+        readback.read(&gpu, &mut found).unwrap();
+        assert_eq!(found[0] & 1, 1);
     }
 
     #[test]

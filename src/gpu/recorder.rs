@@ -34,6 +34,8 @@ impl<'a> Recorder<'a> {
     }
 
     /// Runs dispatches one after the other in one compute pass; each sees what those before it wrote.
+    ///
+    /// An error here, as in the other runs, is to be returned from [`Gpu::submit`]: nothing is submitted then.
     pub fn run<'d>(&mut self, label: &str, dispatches: impl IntoIterator<Item = Dispatch<'d>>) -> Result<(), GpuError> {
         self.compute(label, None, dispatches)
     }
@@ -51,6 +53,18 @@ impl<'a> Recorder<'a> {
             count += 1;
         }
         timer.check_count(count)?;
+        timer.resolve(&mut self.encoder);
+        Ok(())
+    }
+
+    /// As [`Recorder::run`], timed as the one name of `timer`: what a frame takes when nothing else is measured.
+    pub fn run_timed_whole<'d>(
+        &mut self,
+        timer: &Timer,
+        dispatches: impl IntoIterator<Item = Dispatch<'d>>,
+    ) -> Result<(), GpuError> {
+        timer.check_count(1)?;
+        self.compute("frame", timer.writes(0), dispatches)?;
         timer.resolve(&mut self.encoder);
         Ok(())
     }

@@ -8,7 +8,8 @@ use serde::Serialize;
 
 use super::{Gpu, GpuError, Readback};
 
-/// Times the dispatches of [`Recorder::run_timed`](super::Recorder::run_timed).
+/// Times [`Recorder::run_timed`](super::Recorder::run_timed) pass by pass, or
+/// [`Recorder::run_timed_whole`](super::Recorder::run_timed_whole) as one.
 #[derive(Debug)]
 pub struct Timer {
     names: Vec<String>,
@@ -19,13 +20,22 @@ pub struct Timer {
     milliseconds_per_tick: f64,
 }
 
-/// What a [`Timer`] measured, ms.
+/// What a [`Timer`] measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Timings {
     /// From the first timestamp of the frame to its last, ms.
     pub frame_ms: f64,
-    /// Each pass in order: its name and its time, ms.
-    pub passes: Vec<(String, f64)>,
+    /// Each pass in order.
+    pub passes: Vec<PassTime>,
+}
+
+/// GPU time of one pass.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PassTime {
+    /// Name of the pass.
+    pub name: String,
+    /// Time from its first timestamp to its last, ms.
+    pub ms: f64,
 }
 
 impl Timer {
@@ -60,8 +70,7 @@ impl Timer {
         }))
     }
 
-    /// Waits for what was submitted and returns its times. Valid after a submission that
-    /// [`Recorder::run_timed`](super::Recorder::run_timed) recorded.
+    /// Waits for what was submitted and returns the times of the last submission that this timer took part in.
     pub fn read(&mut self, gpu: &Gpu) -> Result<Timings, GpuError> {
         self.readback.read(gpu, &mut self.ticks)?;
         let milliseconds = |from: u64, to: u64| to.saturating_sub(from) as f64 * self.milliseconds_per_tick;
@@ -71,7 +80,10 @@ impl Timer {
         Ok(Timings {
             frame_ms: milliseconds(first, last),
             passes: passes
-                .map(|(name, ticks)| (name.clone(), milliseconds(ticks[0], ticks[1])))
+                .map(|(name, ticks)| PassTime {
+                    name: name.clone(),
+                    ms: milliseconds(ticks[0], ticks[1]),
+                })
                 .collect(),
         })
     }
@@ -128,6 +140,7 @@ mod tests {
             println!("SKIPPED: the adapter takes no timestamps");
             return;
         };
+        let mut whole = Timer::new(&gpu, &["whole"]).unwrap().unwrap();
         let out = StorageBuffer::zeroed(&gpu, "out", 4 * 4096).unwrap();
         let uniforms = Uniforms::new(&gpu, "none", 1).unwrap();
         let spin = |label, rounds| {
@@ -162,15 +175,23 @@ mod tests {
             .unwrap();
             let timings = timer.read(&gpu).unwrap();
             let wall_ms = start.elapsed().as_secs_f64() * 1e3;
-            let [(short, short_ms), (long, long_ms)] = timings.passes.as_slice() else {
+            let [short, long] = timings.passes.as_slice() else {
                 panic!("{timings:?}")
             };
-            assert_eq!((short.as_str(), long.as_str()), ("short", "long"));
-            assert!(*long_ms > 0.0 && long_ms > short_ms, "{timings:?}");
+            assert_eq!((short.name.as_str(), long.name.as_str()), ("short", "long"));
+            assert!(long.ms > 0.0 && long.ms > short.ms, "{timings:?}");
             assert!(
-                timings.frame_ms >= *long_ms && timings.frame_ms <= wall_ms,
+                timings.frame_ms >= long.ms && timings.frame_ms <= wall_ms,
                 "{timings:?} in {wall_ms} ms"
             );
+
+            gpu.submit("frame", |recorder| {
+                recorder.run_timed_whole(&whole, dispatches.iter().copied())
+            })
+            .unwrap();
+            let together = whole.read(&gpu).unwrap();
+            assert_eq!(together.passes[0].ms, together.frame_ms);
+            assert!(together.frame_ms > 0.1 * long.ms, "{together:?} against {timings:?}");
         }
 
         for count in [1, 3] {
