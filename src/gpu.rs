@@ -1,1 +1,72 @@
 //! Adapters, devices, pipelines, read-back and timing: all that knows wgpu, and nothing that knows ultrasound.
+//!
+//! | file | what it holds |
+//! |---|---|
+//! | [`adapter`] | which adapters the machine has, and which one a user means |
+//! | [`device`] | [`Gpu`]: an opened device, its limits, and its errors as values |
+//! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
+//! | [`uniforms`] | [`Uniforms`]: the parameters of all passes in one buffer |
+//! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
+//! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
+//! | [`readback`] | [`Readback`]: bytes back to the CPU through one kept staging buffer |
+//! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are offered |
+//! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
+//!
+//! Objects are made once and kept; a frame in the steady state writes [`Uniforms`], records, submits and reads back.
+//! Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
+//!
+//! ```no_run
+//! use insonify::gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Uniforms};
+//!
+//! let gpu = Gpu::open(&AdapterChoice::from_flag(None), &Needs::default())?;
+//! let values = StorageBuffer::upload(&gpu, "values", &[1_u32, 2, 3])?;
+//! let double = Pipeline::new(
+//!     &gpu,
+//!     &PassSource {
+//!         label: "double",
+//!         source: "@group(0) @binding(1) var<storage, read_write> values: array<u32>;
+//!             @compute @workgroup_size(64)
+//!             fn double(@builtin(global_invocation_id) id: vec3u) {
+//!                 if id.x < arrayLength(&values) { values[id.x] *= 2u; }
+//!             }",
+//!         entry: "double",
+//!         storage: &[Access::ReadWrite],
+//!         constants: &[],
+//!     },
+//! )?;
+//! let uniforms = Uniforms::new(&gpu, "parameters", 1)?;
+//! let bindings = double.bind(&gpu, &uniforms, &[&values])?;
+//! let mut readback = Readback::new(&gpu, "values", values.bytes())?;
+//!
+//! gpu.submit("frame", |recorder| {
+//!     recorder.run("frame", [Dispatch { pipeline: &double, bindings: &bindings, slot: 0, workgroups: [1, 1, 1] }])?;
+//!     recorder.read_back(&values, &readback)
+//! })?;
+//! let mut doubled = [0_u32; 3];
+//! readback.read(&gpu, &mut doubled)?;
+//! # Ok::<(), insonify::gpu::GpuError>(())
+//! ```
+
+pub mod adapter;
+pub mod buffer;
+pub mod device;
+pub mod error;
+pub mod pass;
+pub mod readback;
+pub mod recorder;
+#[cfg(test)]
+pub(crate) mod testing;
+pub mod texture_out;
+pub mod timing;
+pub mod uniforms;
+
+pub use adapter::{AdapterChoice, AdapterLimits, AdapterReport};
+pub use buffer::StorageBuffer;
+pub use device::{Faults, Gpu, Needs};
+pub use error::GpuError;
+pub use pass::{Access, PassSource, Pipeline};
+pub use readback::Readback;
+pub use recorder::{Dispatch, Recorder};
+pub use texture_out::{TextureOut, row_stride};
+pub use timing::{PassTime, Timer, Timings};
+pub use uniforms::Uniforms;

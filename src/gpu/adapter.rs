@@ -1,0 +1,243 @@
+//! Which GPU adapters the machine has, and which one a user means.
+
+use serde::Serialize;
+
+use super::GpuError;
+
+/// Environment variable that names an adapter where no flag does.
+pub const ADAPTER_VARIABLE: &str = "INSONIFY_ADAPTER";
+
+/// What an adapter is and can do.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AdapterReport {
+    /// Name that the driver gives it.
+    pub name: String,
+    /// Graphics interface through which it is reached: `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// `discrete`, `integrated`, `virtual`, `cpu` or `other`.
+    pub device_type: &'static str,
+    /// Name of the driver.
+    pub driver: String,
+    /// Version and build of the driver.
+    pub driver_info: String,
+    /// Whether it is software on the CPU: right for checking, not for speed.
+    pub software: bool,
+    /// Whether it can time passes on the GPU.
+    pub timestamps: bool,
+    /// The most that a device opened on it can be given.
+    pub limits: AdapterLimits,
+}
+
+/// The limits of an adapter that decide which scenes fit.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AdapterLimits {
+    /// Largest storage buffer that a pass can bind, bytes.
+    pub max_storage_buffer_binding_size: u64,
+    /// Largest buffer, bytes.
+    pub max_buffer_size: u64,
+    /// Storage buffers that one pass can bind.
+    pub max_storage_buffers_per_shader_stage: u32,
+    /// Invocations in one workgroup.
+    pub max_compute_invocations_per_workgroup: u32,
+    /// Shared memory of one workgroup, bytes.
+    pub max_compute_workgroup_storage_size: u32,
+    /// Workgroups along one dimension of a dispatch.
+    pub max_compute_workgroups_per_dimension: u32,
+    /// Largest width or height of a texture, pixels.
+    pub max_texture_dimension_2d: u32,
+}
+
+impl AdapterReport {
+    pub(super) fn new(info: &wgpu::AdapterInfo, limits: &wgpu::Limits, features: wgpu::Features) -> Self {
+        Self {
+            name: info.name.clone(),
+            backend: info.backend.to_str().to_owned(),
+            device_type: match info.device_type {
+                wgpu::DeviceType::DiscreteGpu => "discrete",
+                wgpu::DeviceType::IntegratedGpu => "integrated",
+                wgpu::DeviceType::VirtualGpu => "virtual",
+                wgpu::DeviceType::Cpu => "cpu",
+                wgpu::DeviceType::Other => "other",
+            },
+            driver: info.driver.clone(),
+            driver_info: info.driver_info.clone(),
+            software: info.device_type == wgpu::DeviceType::Cpu,
+            timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
+            limits: AdapterLimits {
+                max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size,
+                max_buffer_size: limits.max_buffer_size,
+                max_storage_buffers_per_shader_stage: limits.max_storage_buffers_per_shader_stage,
+                max_compute_invocations_per_workgroup: limits.max_compute_invocations_per_workgroup,
+                max_compute_workgroup_storage_size: limits.max_compute_workgroup_storage_size,
+                max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension,
+                max_texture_dimension_2d: limits.max_texture_dimension_2d,
+            },
+        }
+    }
+}
+
+/// Which adapter to open; by default the first of [`list`].
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AdapterChoice {
+    /// Part of `name (backend)`, in any case, or `None` for the best adapter.
+    pub name: Option<String>,
+}
+
+impl AdapterChoice {
+    /// The adapter that a command-line flag names, else the one that [`ADAPTER_VARIABLE`] names, else the best.
+    pub fn from_flag(flag: Option<&str>) -> Self {
+        let name = flag.map(str::to_owned).or_else(|| std::env::var(ADAPTER_VARIABLE).ok());
+        Self {
+            name: name.filter(|name| !name.trim().is_empty()),
+        }
+    }
+}
+
+/// The adapters of this machine, each once: discrete first, then integrated, virtual and software ones.
+pub fn list() -> Vec<AdapterReport> {
+    adapters()
+        .iter()
+        .map(|adapter| AdapterReport::new(&adapter.get_info(), &adapter.limits(), adapter.features()))
+        .collect()
+}
+
+/// The first adapter of [`list`]'s order whose `name (backend)` contains `name` in any case, or the very first.
+pub fn pick(name: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
+    let mut adapters = adapters();
+    let titles: Vec<String> = adapters.iter().map(|adapter| title(&adapter.get_info())).collect();
+    let index = match_title(&titles, name)?;
+    Ok(adapters.swap_remove(index))
+}
+
+fn match_title(titles: &[String], name: Option<&str>) -> Result<usize, GpuError> {
+    if titles.is_empty() {
+        return Err(GpuError::NoAdapter);
+    }
+    let Some(wanted) = name else { return Ok(0) };
+    let needle = wanted.trim().to_lowercase();
+    titles
+        .iter()
+        .position(|title| title.to_lowercase().contains(&needle))
+        .ok_or_else(|| GpuError::UnknownAdapter {
+            wanted: wanted.to_owned(),
+            available: titles.to_vec(),
+        })
+}
+
+fn title(info: &wgpu::AdapterInfo) -> String {
+    format!("{} ({})", info.name, info.backend.to_str())
+}
+
+fn adapters() -> Vec<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    in_order(found, wgpu::Adapter::get_info)
+}
+
+/// Without the doubles that a driver registered twice makes, best first, ties in the order found.
+fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> {
+    let mut seen = std::collections::HashSet::new();
+    let mut kept: Vec<(u8, A)> = found
+        .into_iter()
+        .filter_map(|adapter| {
+            let info = info(&adapter);
+            let rank = match info.device_type {
+                wgpu::DeviceType::DiscreteGpu => 0,
+                wgpu::DeviceType::IntegratedGpu => 1,
+                wgpu::DeviceType::VirtualGpu => 2,
+                wgpu::DeviceType::Other => 3,
+                wgpu::DeviceType::Cpu => 4,
+            };
+            seen.insert(info).then_some((rank, adapter))
+        })
+        .collect();
+    kept.sort_by_key(|(rank, _)| *rank);
+    kept.into_iter().map(|(_, adapter)| adapter).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::testing;
+
+    fn info(name: &str, device_type: wgpu::DeviceType, bus: &str) -> wgpu::AdapterInfo {
+        wgpu::AdapterInfo {
+            name: name.to_owned(),
+            device_pci_bus_id: bus.to_owned(),
+            ..wgpu::AdapterInfo::new(device_type, wgpu::Backend::Vulkan)
+        }
+    }
+
+    #[test]
+    fn best_first_and_doubles_dropped() {
+        use wgpu::DeviceType::{Cpu, DiscreteGpu, IntegratedGpu, VirtualGpu};
+        let found = vec![
+            info("llvmpipe", Cpu, ""),
+            info("virtual", VirtualGpu, ""),
+            info("llvmpipe", Cpu, ""),
+            info("twin", DiscreteGpu, "0000:01:00.0"),
+            info("laptop", IntegratedGpu, ""),
+            info("twin", DiscreteGpu, "0000:02:00.0"),
+        ];
+        let order = in_order(found, Clone::clone);
+        let names: Vec<&str> = order.iter().map(|info| info.name.as_str()).collect();
+        assert_eq!(
+            names,
+            ["twin", "twin", "laptop", "virtual", "llvmpipe"],
+            "two cards of one model are two adapters"
+        );
+        assert_eq!(
+            order[0].device_pci_bus_id, "0000:01:00.0",
+            "ties stay in the order found"
+        );
+    }
+
+    #[test]
+    fn names_match_in_any_case_by_name_or_backend() {
+        let titles = [
+            "NVIDIA H100 (vulkan)".to_owned(),
+            "llvmpipe (vulkan)".to_owned(),
+            "WARP (dx12)".to_owned(),
+        ];
+        assert_eq!(match_title(&titles, None), Ok(0));
+        assert_eq!(match_title(&titles, Some("LLVM")), Ok(1));
+        assert_eq!(match_title(&titles, Some("dx12")), Ok(2));
+        let error = match_title(&titles, Some("voodoo")).unwrap_err();
+        let message = error.to_string();
+        assert!(
+            message.contains("voodoo") && titles.iter().all(|title| message.contains(title)),
+            "{message}"
+        );
+        assert!(!error.is_machine());
+    }
+
+    #[test]
+    fn without_adapters_the_error_says_what_to_install() {
+        let error = match_title(&[], Some("any")).unwrap_err();
+        assert_eq!(error, GpuError::NoAdapter);
+        assert!(error.to_string().contains("mesa-vulkan-drivers"));
+        assert!(error.is_machine());
+    }
+
+    #[test]
+    fn a_flag_wins_and_an_empty_one_means_the_best() {
+        assert_eq!(AdapterChoice::from_flag(Some("arc")).name.as_deref(), Some("arc"));
+        assert_eq!(AdapterChoice::from_flag(Some(" ")).name, None);
+    }
+
+    #[test]
+    fn every_listed_adapter_can_be_picked_by_its_name() {
+        if testing::open().is_none() {
+            return;
+        }
+        let reports = list();
+        for report in &reports {
+            let adapter = pick(Some(&report.name.to_uppercase())).unwrap();
+            assert_eq!(adapter.get_info().name, report.name);
+            assert!(report.limits.max_storage_buffer_binding_size >= 1 << 27, "{report:?}");
+            assert_eq!(report.software, report.device_type == "cpu");
+        }
+        let error = pick(Some("no such adapter")).unwrap_err();
+        assert!(error.to_string().contains(&reports[0].name), "{error}");
+    }
+}

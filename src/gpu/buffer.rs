@@ -1,0 +1,165 @@
+//! Labelled storage buffers, checked against the limits of the device.
+
+use bytemuck::NoUninit;
+
+use super::{Gpu, GpuError};
+
+/// A storage buffer that passes read and write, and that can be written from and copied to the CPU.
+#[derive(Debug, Clone)]
+pub struct StorageBuffer {
+    label: String,
+    buffer: wgpu::Buffer,
+}
+
+impl StorageBuffer {
+    /// A buffer of at least `bytes` zeros; sizes are rounded up to whole 32-bit words, none is empty.
+    pub fn zeroed(gpu: &Gpu, label: &str, bytes: u64) -> Result<Self, GpuError> {
+        gpu.check_storage(&format!("buffer '{label}'"), bytes)?;
+        let size = whole_words(bytes.max(1));
+        let descriptor = wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        };
+        let buffer = gpu.scoped(&format!("making buffer '{label}'"), || {
+            Ok(gpu.device().create_buffer(&descriptor))
+        })?;
+        Ok(Self {
+            label: label.to_owned(),
+            buffer,
+        })
+    }
+
+    /// A buffer that holds `data`.
+    pub fn upload<T: NoUninit>(gpu: &Gpu, label: &str, data: &[T]) -> Result<Self, GpuError> {
+        let buffer = Self::zeroed(gpu, label, size_of_val(data) as u64)?;
+        buffer.write(gpu, 0, data)?;
+        Ok(buffer)
+    }
+
+    /// Overwrites from `byte_offset`, a multiple of 4, before the next submission. Bytes up to the next whole word
+    /// after `data` become zero.
+    pub fn write<T: NoUninit>(&self, gpu: &Gpu, byte_offset: u64, data: &[T]) -> Result<(), GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        if bytes.is_empty() {
+            return gpu.check();
+        }
+        self.check_span("written", byte_offset, bytes.len() as u64)?;
+        let (words, tail) = bytes.split_at(bytes.len() - bytes.len() % WORD as usize);
+        gpu.scoped(&self.label, || {
+            if !words.is_empty() {
+                gpu.queue().write_buffer(&self.buffer, byte_offset, words);
+            }
+            if !tail.is_empty() {
+                let mut word = [0; WORD as usize];
+                word[..tail.len()].copy_from_slice(tail);
+                gpu.queue()
+                    .write_buffer(&self.buffer, byte_offset + words.len() as u64, &word);
+            }
+            Ok(())
+        })
+    }
+
+    /// The name it was made with.
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// Size in bytes, a multiple of 4.
+    pub fn bytes(&self) -> u64 {
+        self.buffer.size()
+    }
+
+    /// The buffer itself.
+    pub fn raw(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+
+    pub(super) fn check_span(&self, verb: &str, byte_offset: u64, bytes: u64) -> Result<(), GpuError> {
+        let end = byte_offset.saturating_add(whole_words(bytes));
+        if end <= self.bytes() {
+            return Ok(());
+        }
+        let what = format!("bytes {verb} of buffer '{}'", self.label);
+        Err(GpuError::Mismatch {
+            what,
+            expected: self.bytes(),
+            found: end,
+        })
+    }
+}
+
+/// Copies and writes move whole 32-bit words.
+const WORD: u64 = wgpu::COPY_BUFFER_ALIGNMENT;
+
+pub(super) fn whole_words(bytes: u64) -> u64 {
+    bytes.saturating_add(WORD - 1) / WORD * WORD
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{Readback, testing};
+
+    fn contents(gpu: &Gpu, buffer: &StorageBuffer, bytes: usize) -> Vec<u8> {
+        let mut readback = Readback::new(gpu, "contents", buffer.bytes()).unwrap();
+        gpu.submit("copy", |recorder| recorder.read_back(buffer, &readback))
+            .unwrap();
+        let mut out = vec![0xAA; bytes];
+        readback.read(gpu, &mut out).unwrap();
+        out
+    }
+
+    #[test]
+    fn odd_sizes_come_back_as_written() {
+        let Some(gpu) = testing::open() else { return };
+        for length in [0_usize, 1, 2, 3, 4, 5, 7, 255, 256, 257, 4099] {
+            let data: Vec<u8> = (0..length).map(|i| (i * 31 + 7) as u8).collect();
+            let buffer = StorageBuffer::upload(&gpu, "odd", &data).unwrap();
+            assert_eq!(contents(&gpu, &buffer, length), data, "{length} bytes");
+        }
+    }
+
+    #[test]
+    fn a_write_in_the_middle_leaves_the_rest() {
+        let Some(gpu) = testing::open() else { return };
+        let buffer = StorageBuffer::zeroed(&gpu, "middle", 12).unwrap();
+        buffer.write(&gpu, 4, &[0x0403_0201_u32]).unwrap();
+        assert_eq!(contents(&gpu, &buffer, 12), [0, 0, 0, 0, 1, 2, 3, 4, 0, 0, 0, 0]);
+        assert!(matches!(
+            buffer.write(&gpu, 8, &[0_u32; 2]),
+            Err(GpuError::Mismatch {
+                expected: 12,
+                found: 16,
+                ..
+            })
+        ));
+        assert!(matches!(
+            buffer.write(&gpu, 2, &[0_u32]),
+            Err(GpuError::Validation { .. })
+        ));
+        assert_eq!(gpu.check(), Ok(()), "a caught error is not reported twice");
+    }
+
+    #[test]
+    fn a_buffer_beyond_the_limit_is_refused_by_name() {
+        let Some(gpu) = testing::open() else { return };
+        let available = gpu.limits().max_storage_buffer_binding_size;
+        match StorageBuffer::zeroed(&gpu, "volume", available + 1).unwrap_err() {
+            GpuError::Limit {
+                what,
+                limit,
+                needed,
+                available: found,
+            } => {
+                assert!(what.contains("volume"));
+                assert_eq!(
+                    (limit, needed, found),
+                    ("max_storage_buffer_binding_size", available + 1, available)
+                );
+            }
+            other => panic!("{other}"),
+        }
+    }
+}

@@ -1,0 +1,465 @@
+//! An opened device whose errors are values, never panics.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::adapter::{self, AdapterChoice, AdapterReport};
+use super::error::check_limit;
+use super::{GpuError, Recorder};
+
+/// How long the CPU waits for the GPU unless told otherwise: Windows gives a GPU 2 s before it resets it, software
+/// Vulkan on a busy machine needs more.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a device must offer beyond wgpu's default limits; zero asks for the default.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Needs {
+    /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB).
+    pub storage_binding_bytes: u64,
+    /// Largest buffer, bytes (default limit 256 MiB).
+    pub buffer_bytes: u64,
+    /// Storage buffers that one pass binds (default limit 8).
+    pub storage_buffers_per_stage: u32,
+}
+
+impl Needs {
+    /// wgpu's default limits, raised where needed, or the first limit that `available` cannot meet.
+    fn limits(&self, what: &str, available: &wgpu::Limits) -> Result<wgpu::Limits, GpuError> {
+        let mut limits = wgpu::Limits::default();
+        limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.max(self.storage_binding_bytes);
+        limits.max_buffer_size = limits
+            .max_buffer_size
+            .max(self.buffer_bytes)
+            .max(self.storage_binding_bytes);
+        limits.max_storage_buffers_per_shader_stage = limits
+            .max_storage_buffers_per_shader_stage
+            .max(self.storage_buffers_per_stage);
+        let mut exceeded = None;
+        limits.check_limits_with_fail_fn(available, true, |limit, needed, available| {
+            exceeded = Some(GpuError::Limit {
+                what: what.to_owned(),
+                limit,
+                needed,
+                available,
+            });
+        });
+        exceeded.map_or(Ok(limits), Err)
+    }
+}
+
+/// A device, its queue, and the errors that it has met. Clones share the device.
+#[derive(Debug, Clone)]
+pub struct Gpu {
+    report: AdapterReport,
+    limits: wgpu::Limits,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    faults: Faults,
+    patience: Duration,
+}
+
+impl Gpu {
+    /// Opens a device on the chosen adapter, with wgpu's default limits raised only where `needs` goes beyond them.
+    pub fn open(choice: &AdapterChoice, needs: &Needs) -> Result<Self, GpuError> {
+        let adapter = adapter::pick(choice.name.as_deref())?;
+        let report = AdapterReport::new(&adapter.get_info(), &adapter.limits(), adapter.features());
+        let limits = needs.limits(&format!("a device on '{}'", report.name), &adapter.limits())?;
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("insonify"),
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_limits: limits.clone(),
+            ..Default::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&descriptor)).map_err(|error| GpuError::Open {
+                adapter: report.name.clone(),
+                message: error.to_string(),
+            })?;
+        let faults = Faults::default();
+        device.on_uncaptured_error({
+            let faults = faults.clone();
+            Arc::new(move |error| faults.report(error))
+        });
+        device.set_device_lost_callback({
+            let faults = faults.clone();
+            move |reason, message| faults.report_lost(&format!("{reason:?}"), &message)
+        });
+        Ok(Self {
+            report,
+            limits,
+            device,
+            queue,
+            faults,
+            patience: PATIENCE,
+        })
+    }
+
+    /// Works on a host's own device and queue, checked against `needs`.
+    ///
+    /// The host keeps its error handler and its device-lost callback: errors of calls made here are caught by error
+    /// scopes, and a loss shows at the next read-back. A host that wants a loss known at once passes it on from its
+    /// callback through [`Gpu::faults`].
+    pub fn from_host(device: wgpu::Device, queue: wgpu::Queue, needs: &Needs) -> Result<Self, GpuError> {
+        let limits = device.limits();
+        needs.limits("work on the host's device", &limits)?;
+        let report = AdapterReport::new(&device.adapter_info(), &limits, device.features());
+        Ok(Self {
+            report,
+            limits,
+            device,
+            queue,
+            faults: Faults::default(),
+            patience: PATIENCE,
+        })
+    }
+
+    /// What the adapter is; of a host's device, with the limits and features that the host asked for.
+    pub fn report(&self) -> &AdapterReport {
+        &self.report
+    }
+
+    /// The limits of the opened device.
+    pub fn limits(&self) -> &wgpu::Limits {
+        &self.limits
+    }
+
+    /// The device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// The queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+
+    /// Where errors that reach a handler or callback are kept.
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Whether the device can time passes.
+    pub fn has_timestamps(&self) -> bool {
+        self.device.features().contains(wgpu::Features::TIMESTAMP_QUERY)
+    }
+
+    /// The first error since the last check that no call returned. A lost device stays lost: each check says so.
+    pub fn check(&self) -> Result<(), GpuError> {
+        self.faults.take()
+    }
+
+    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in them.
+    pub(super) fn scoped<T>(&self, what: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let result = work();
+        let caught = [memory, internal, validation].map(|scope| pollster::block_on(scope.pop()));
+        self.check()?;
+        match caught.into_iter().flatten().next() {
+            Some(error) => Err(GpuError::from_wgpu(what, error)),
+            None => result,
+        }
+    }
+
+    /// Records commands and submits them in one go. `label` names them in errors and in graphics debuggers.
+    pub fn submit(
+        &self,
+        label: &str,
+        record: impl FnOnce(&mut Recorder<'_>) -> Result<(), GpuError>,
+    ) -> Result<(), GpuError> {
+        self.scoped(label, || {
+            let mut recorder = Recorder::new(self, label);
+            record(&mut recorder)?;
+            self.queue.submit([recorder.finish()]);
+            Ok(())
+        })
+    }
+
+    /// How long to wait for the GPU before a [`GpuError::Timeout`]; 60 s unless set.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.patience = patience;
+    }
+
+    /// Waits until all that was submitted is done; `what` names it in errors.
+    pub fn wait(&self, what: &str) -> Result<(), GpuError> {
+        let patience = self.patience;
+        let wait = wgpu::PollType::Wait {
+            submission_index: None,
+            timeout: Some(patience),
+        };
+        // wgpu 30 panics inside `Device::poll`, with its locks released, when the driver reports the device lost there.
+        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
+        self.check()?;
+        match polled {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(wgpu::PollError::Timeout)) => Err(GpuError::Timeout {
+                what: what.to_owned(),
+                seconds: patience.as_secs_f64(),
+            }),
+            Ok(Err(error)) => Err(GpuError::Internal {
+                what: what.to_owned(),
+                message: error.to_string(),
+            }),
+            Err(_) => Err(GpuError::Lost {
+                reason: format!("while waiting for {what}"),
+            }),
+        }
+    }
+
+    /// Destroys the device, for itself and for all clones, as a driver reset would: for tests of what comes after.
+    pub fn simulate_loss(&self) -> Result<(), GpuError> {
+        self.device.destroy();
+        match self.wait("the destruction of the device") {
+            Err(GpuError::Lost { .. }) => Ok(()),
+            other => other,
+        }
+    }
+
+    /// An error where `bytes` fit no storage buffer of this device.
+    pub fn check_storage(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
+        let binding = self.limits.max_storage_buffer_binding_size;
+        check_limit(|| what.to_owned(), "max_storage_buffer_binding_size", bytes, binding)?;
+        check_limit(
+            || what.to_owned(),
+            "max_buffer_size",
+            bytes,
+            self.limits.max_buffer_size,
+        )
+    }
+}
+
+/// Errors that arrive through handlers and callbacks, kept until [`Gpu::check`] returns them. Clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Faults(Arc<Mutex<FaultState>>);
+
+#[derive(Debug, Default)]
+struct FaultState {
+    lost: Option<GpuError>,
+    first: Option<GpuError>,
+}
+
+impl Faults {
+    /// Keeps an uncaptured error, unless an earlier one still waits to be returned.
+    pub fn report(&self, error: wgpu::Error) {
+        self.lock()
+            .first
+            .get_or_insert_with(|| GpuError::from_wgpu("an uncaptured GPU error", error));
+    }
+
+    /// Keeps the loss of the device for good; `message` may be empty.
+    pub fn report_lost(&self, reason: &str, message: &str) {
+        let separator = if message.is_empty() { "" } else { ": " };
+        let lost = GpuError::Lost {
+            reason: format!("{}{separator}{message}", reason.to_lowercase()),
+        };
+        self.lock().lost.get_or_insert(lost);
+    }
+
+    fn take(&self) -> Result<(), GpuError> {
+        let mut state = self.lock();
+        state.lost.clone().or_else(|| state.first.take()).map_or(Ok(()), Err)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, FaultState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{PassSource, Pipeline, Readback, StorageBuffer, testing};
+
+    #[test]
+    fn limits_are_the_defaults_raised_only_where_needed() {
+        let default = wgpu::Limits::default();
+        let card = wgpu::Limits {
+            max_storage_buffer_binding_size: 1 << 30,
+            max_buffer_size: 1 << 31,
+            ..default.clone()
+        };
+        let small = Needs {
+            storage_binding_bytes: 1 << 20,
+            ..Needs::default()
+        };
+        assert_eq!(small.limits("x", &card), Ok(default.clone()));
+        let large = Needs {
+            storage_binding_bytes: 1 << 30,
+            ..Needs::default()
+        };
+        let raised = large.limits("x", &card).unwrap();
+        assert_eq!(raised.max_storage_buffer_binding_size, 1 << 30);
+        assert_eq!(
+            raised.max_buffer_size,
+            1 << 30,
+            "a binding needs a buffer that holds it"
+        );
+        assert_eq!(
+            raised.max_storage_buffers_per_shader_stage,
+            default.max_storage_buffers_per_shader_stage
+        );
+    }
+
+    #[test]
+    fn a_limit_exceeded_is_named_with_both_values() {
+        let card = wgpu::Limits::default();
+        let cases = [
+            (
+                Needs {
+                    storage_binding_bytes: (1 << 27) + 1,
+                    ..Needs::default()
+                },
+                "max_storage_buffer_binding_size",
+            ),
+            (
+                Needs {
+                    buffer_bytes: (1 << 28) + 1,
+                    ..Needs::default()
+                },
+                "max_buffer_size",
+            ),
+            (
+                Needs {
+                    storage_buffers_per_stage: 9,
+                    ..Needs::default()
+                },
+                "max_storage_buffers_per_shader_stage",
+            ),
+        ];
+        for (needs, name) in cases {
+            match needs.limits("the work", &card).unwrap_err() {
+                GpuError::Limit {
+                    limit,
+                    needed,
+                    available,
+                    ..
+                } => {
+                    assert_eq!(limit, name);
+                    assert_eq!(needed, available + 1);
+                }
+                other => panic!("{other}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_device_beyond_its_adapter_is_refused_by_name() {
+        let Some(gpu) = testing::open() else { return };
+        let available = gpu.report().limits.max_storage_buffer_binding_size;
+        let needs = Needs {
+            storage_binding_bytes: available + 4,
+            ..Needs::default()
+        };
+        let error = Gpu::open(&AdapterChoice::from_flag(None), &needs).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains("max_storage_buffer_binding_size"), "{message}");
+        assert!(
+            message.contains(&available.to_string()) && message.contains(&(available + 4).to_string()),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_lost_device_is_an_error_everywhere_and_a_new_one_can_be_opened() {
+        let Some(gpu) = testing::open() else { return };
+        let values = StorageBuffer::upload(&gpu, "values", &[1_u32, 2, 3, 4]).unwrap();
+        let mut readback = Readback::new(&gpu, "values", values.bytes()).unwrap();
+        gpu.simulate_loss().unwrap();
+
+        let lost = |result: Result<(), GpuError>| assert!(matches!(result, Err(GpuError::Lost { .. })), "{result:?}");
+        lost(gpu.check());
+        lost(gpu.check());
+        lost(gpu.submit("after loss", |recorder| recorder.read_back(&values, &readback)));
+        lost(readback.read(&gpu, &mut [0_u32; 4]));
+        lost(values.write(&gpu, 0, &[5_u32]));
+        lost(StorageBuffer::zeroed(&gpu, "after loss", 16).map(drop));
+        lost(gpu.wait("nothing"));
+
+        let fresh = testing::open().unwrap();
+        assert_eq!(fresh.check(), Ok(()));
+        StorageBuffer::zeroed(&fresh, "fresh", 16).unwrap();
+    }
+
+    #[test]
+    fn a_device_can_be_shared_by_threads() {
+        fn shared<T: Send + Sync>() {}
+        shared::<Gpu>();
+        shared::<GpuError>();
+    }
+
+    #[test]
+    fn an_uncaptured_error_is_kept_until_asked_for_and_then_gone() {
+        let Some(gpu) = testing::open() else { return };
+        let nonsense = wgpu::BufferDescriptor {
+            label: Some("nonsense"),
+            size: 4,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        };
+        let _ = gpu.device().create_buffer(&nonsense);
+        assert!(matches!(gpu.check(), Err(GpuError::Validation { .. })));
+        assert_eq!(gpu.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
+        if testing::open().is_none() {
+            return;
+        }
+        let adapter = adapter::pick(AdapterChoice::from_flag(None).name.as_deref()).unwrap();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
+        let host_saw = Arc::new(Mutex::new(Vec::new()));
+        device.on_uncaptured_error({
+            let host_saw = Arc::clone(&host_saw);
+            Arc::new(move |error: wgpu::Error| host_saw.lock().unwrap().push(error.to_string()))
+        });
+
+        let too_much = Needs {
+            storage_buffers_per_stage: 9,
+            ..Needs::default()
+        };
+        assert!(matches!(
+            Gpu::from_host(device.clone(), queue.clone(), &too_much),
+            Err(GpuError::Limit {
+                limit: "max_storage_buffers_per_shader_stage",
+                needed: 9,
+                available: 8,
+                ..
+            })
+        ));
+
+        let gpu = Gpu::from_host(device.clone(), queue, &Needs::default()).unwrap();
+        let broken = PassSource {
+            label: "broken",
+            source: "fn",
+            entry: "broken",
+            storage: &[],
+            constants: &[],
+        };
+        assert!(matches!(Pipeline::new(&gpu, &broken), Err(GpuError::Shader { .. })));
+        let misaligned = StorageBuffer::zeroed(&gpu, "misaligned", 8)
+            .unwrap()
+            .write(&gpu, 2, &[0_u32]);
+        assert!(matches!(misaligned, Err(GpuError::Validation { .. })));
+        assert!(!gpu.has_timestamps(), "the host asked for no feature");
+        let values = StorageBuffer::upload(&gpu, "values", &[7_u32]).unwrap();
+        let mut readback = Readback::new(&gpu, "values", 4).unwrap();
+        let mut out = [0_u32];
+        gpu.submit("copy", |recorder| recorder.read_back(&values, &readback))
+            .unwrap();
+        readback.read(&gpu, &mut out).unwrap();
+        assert_eq!(out, [7]);
+
+        device.destroy();
+        let after = gpu
+            .submit("copy", |recorder| recorder.read_back(&values, &readback))
+            .and_then(|()| readback.read(&gpu, &mut out));
+        assert!(matches!(after, Err(GpuError::Lost { .. })), "{after:?}");
+        assert!(
+            host_saw.lock().unwrap().is_empty(),
+            "our errors are not the host's: {host_saw:?}"
+        );
+    }
+}

@@ -1,0 +1,239 @@
+//! Bytes from the GPU to the CPU through one staging buffer that is kept.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+use bytemuck::Pod;
+
+use super::buffer::whole_words;
+use super::error::check_limit;
+use super::{Gpu, GpuError};
+
+const WAITING: u8 = 0;
+const MAPPED: u8 = 1;
+const FAILED: u8 = 2;
+
+/// A staging buffer: [`Recorder::read_back`](super::Recorder::read_back) fills it, [`Readback::read`] empties it.
+#[derive(Debug)]
+pub struct Readback {
+    label: String,
+    staging: wgpu::Buffer,
+    state: Arc<AtomicU8>,
+}
+
+impl Readback {
+    /// Room for `bytes`, rounded up to whole 32-bit words.
+    pub fn new(gpu: &Gpu, label: &str, bytes: u64) -> Result<Self, GpuError> {
+        check_limit(
+            || format!("read-back of '{label}'"),
+            "max_buffer_size",
+            bytes,
+            gpu.limits().max_buffer_size,
+        )?;
+        let descriptor = wgpu::BufferDescriptor {
+            label: Some(label),
+            size: whole_words(bytes.max(1)),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        };
+        let staging = gpu.scoped(&format!("making the read-back of '{label}'"), || {
+            Ok(gpu.device().create_buffer(&descriptor))
+        })?;
+        Ok(Self {
+            label: label.to_owned(),
+            staging,
+            state: Arc::new(AtomicU8::new(WAITING)),
+        })
+    }
+
+    /// Size in bytes, a multiple of 4.
+    pub fn bytes(&self) -> u64 {
+        self.staging.size()
+    }
+
+    /// The staging buffer itself.
+    pub fn raw(&self) -> &wgpu::Buffer {
+        &self.staging
+    }
+
+    /// Waits for what was submitted, and fills `out` with the first bytes copied.
+    pub fn read<T: Pod>(&mut self, gpu: &Gpu, out: &mut [T]) -> Result<(), GpuError> {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(out);
+        let length = bytes.len();
+        self.read_rows(gpu, bytes, length, length)
+    }
+
+    /// As [`Readback::read`], from rows of `row_bytes` that start `stride` bytes apart, into `out` without gaps.
+    pub fn read_rows(&mut self, gpu: &Gpu, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
+        if out.is_empty() {
+            return gpu.check();
+        }
+        let rows = self.check_rows(out.len(), row_bytes, stride)?;
+        let span = whole_words(((rows - 1) * stride + row_bytes) as u64);
+        gpu.scoped(&self.label, || {
+            let copied = self.map(gpu, span).and_then(|()| {
+                let view = self
+                    .staging
+                    .get_mapped_range(..span)
+                    .map_err(|error| GpuError::Internal {
+                        what: self.label.clone(),
+                        message: error.to_string(),
+                    })?;
+                for (to, from) in out.chunks_exact_mut(row_bytes).zip(view.chunks(stride)) {
+                    to.copy_from_slice(&from[..row_bytes]);
+                }
+                Ok(())
+            });
+            // A refused mapping must be undone too, though there is nothing to unmap: that complaint tells nothing.
+            let ignored = gpu.device().push_error_scope(wgpu::ErrorFilter::Validation);
+            self.staging.unmap();
+            drop(ignored);
+            copied
+        })
+    }
+
+    fn map(&self, gpu: &Gpu, span: u64) -> Result<(), GpuError> {
+        self.state.store(WAITING, Ordering::Release);
+        let state = Arc::clone(&self.state);
+        self.staging.map_async(wgpu::MapMode::Read, ..span, move |result| {
+            state.store(if result.is_ok() { MAPPED } else { FAILED }, Ordering::Release);
+        });
+        gpu.wait(&self.label)?;
+        if self.state.load(Ordering::Acquire) == MAPPED {
+            return Ok(());
+        }
+        Err(GpuError::Lost {
+            reason: format!("the read-back of '{}' was refused", self.label),
+        })
+    }
+
+    fn check_rows(&self, total: usize, row_bytes: usize, stride: usize) -> Result<usize, GpuError> {
+        let mismatch = |what: &str, expected: usize, found: usize| GpuError::Mismatch {
+            what: format!("{what} of the read-back of '{}'", self.label),
+            expected: expected as u64,
+            found: found as u64,
+        };
+        let rows = total.checked_div(row_bytes).unwrap_or(0);
+        if rows == 0 || rows * row_bytes != total {
+            return Err(mismatch(
+                "bytes (whole rows)",
+                (rows + 1).saturating_mul(row_bytes),
+                total,
+            ));
+        }
+        if stride < row_bytes {
+            return Err(mismatch("stride", row_bytes, stride));
+        }
+        let span = (rows - 1).saturating_mul(stride).saturating_add(row_bytes);
+        if whole_words(span as u64) > self.bytes() {
+            return Err(mismatch("bytes (at most)", self.bytes() as usize, span));
+        }
+        Ok(rows)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::gpu::{Access, Dispatch, PassSource, Pipeline, StorageBuffer, Uniforms, testing};
+
+    fn filled(gpu: &Gpu, bytes: usize) -> Readback {
+        let data: Vec<u8> = (0..bytes).map(|i| i as u8).collect();
+        let buffer = StorageBuffer::upload(gpu, "rows", &data).unwrap();
+        let readback = Readback::new(gpu, "rows", buffer.bytes()).unwrap();
+        gpu.submit("copy", |recorder| recorder.read_back(&buffer, &readback))
+            .unwrap();
+        readback
+    }
+
+    #[test]
+    fn rows_come_back_without_their_padding() {
+        let Some(gpu) = testing::open() else { return };
+        let mut readback = filled(&gpu, 24);
+        let mut rows = [0; 9];
+        readback.read_rows(&gpu, &mut rows, 3, 8).unwrap();
+        assert_eq!(rows, [0, 1, 2, 8, 9, 10, 16, 17, 18]);
+    }
+
+    #[test]
+    fn the_same_staging_buffer_serves_again_and_again() {
+        let Some(gpu) = testing::open() else { return };
+        let buffer = StorageBuffer::zeroed(&gpu, "counter", 4).unwrap();
+        let mut readback = Readback::new(&gpu, "counter", 4).unwrap();
+        for expected in 0..20_u32 {
+            buffer.write(&gpu, 0, &[expected]).unwrap();
+            gpu.submit("copy", |recorder| recorder.read_back(&buffer, &readback))
+                .unwrap();
+            let mut found = [u32::MAX];
+            readback.read(&gpu, &mut found).unwrap();
+            assert_eq!(found, [expected]);
+        }
+    }
+
+    #[test]
+    fn a_wait_too_long_is_a_timeout_after_which_reading_works_again() {
+        let Some(gpu) = testing::open() else { return };
+        let pass = PassSource {
+            label: "spin",
+            source: "@group(0) @binding(1) var<storage, read_write> out: array<u32>;
+                @compute @workgroup_size(1) fn spin() {
+                    var x = out[0];
+                    for (var i = 0u; i < 20000000u; i++) { x = x * 1664525u + 1013904223u; }
+                    out[0] = x | 1u;
+                }",
+            entry: "spin",
+            storage: &[Access::ReadWrite],
+            constants: &[],
+        };
+        let pipeline = Pipeline::new(&gpu, &pass).unwrap();
+        let uniforms = Uniforms::new(&gpu, "none", 1).unwrap();
+        let out = StorageBuffer::zeroed(&gpu, "out", 4).unwrap();
+        let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+        let mut readback = Readback::new(&gpu, "out", 4).unwrap();
+        gpu.submit("spin", |recorder| {
+            let dispatch = Dispatch {
+                pipeline: &pipeline,
+                bindings: &bindings,
+                slot: 0,
+                workgroups: [1, 1, 1],
+            };
+            recorder.run("spin", [dispatch])?;
+            recorder.read_back(&out, &readback)
+        })
+        .unwrap();
+
+        let mut found = [0_u32];
+        let mut hasty = gpu.clone();
+        hasty.set_patience(Duration::ZERO);
+        let result = readback.read(&hasty, &mut found);
+        assert!(matches!(result, Err(GpuError::Timeout { .. })), "{result:?}");
+        readback.read(&gpu, &mut found).unwrap();
+        assert_eq!(found[0] & 1, 1);
+    }
+
+    #[test]
+    fn sizes_that_do_not_fit_are_errors() {
+        let Some(gpu) = testing::open() else { return };
+        let mut readback = filled(&gpu, 8);
+        let mismatch = |result| assert!(matches!(result, Err(GpuError::Mismatch { .. })), "{result:?}");
+        mismatch(readback.read(&gpu, &mut [0_u32; 3]));
+        mismatch(readback.read_rows(&gpu, &mut [0; 5], 2, 4));
+        mismatch(readback.read_rows(&gpu, &mut [0; 4], 0, 4));
+        mismatch(readback.read_rows(&gpu, &mut [0; 4], 4, 2));
+        mismatch(readback.read_rows(&gpu, &mut [0; 4], 2, usize::MAX));
+        assert_eq!(readback.read(&gpu, &mut [0_u32; 0]), Ok(()));
+        let mut all = [0_u8; 8];
+        readback.read(&gpu, &mut all).unwrap();
+        assert_eq!(all, [0, 1, 2, 3, 4, 5, 6, 7]);
+        let limit = gpu.limits().max_buffer_size;
+        assert!(matches!(
+            Readback::new(&gpu, "huge", limit + 1),
+            Err(GpuError::Limit {
+                limit: "max_buffer_size",
+                ..
+            })
+        ));
+    }
+}

@@ -1,0 +1,211 @@
+//! The dispatches and copies of one submission.
+
+use super::error::check_limit;
+use super::uniforms::SLOT_BYTES;
+use super::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, TextureOut, Timer};
+
+/// One run of a pass.
+#[derive(Debug, Clone, Copy)]
+pub struct Dispatch<'a> {
+    /// The pass.
+    pub pipeline: &'a Pipeline,
+    /// Its buffers, from [`Pipeline::bind`].
+    pub bindings: &'a wgpu::BindGroup,
+    /// The slot of its parameters in the [`Uniforms`](super::Uniforms) that it was bound with.
+    pub slot: u32,
+    /// Workgroups along x, y and z.
+    pub workgroups: [u32; 3],
+}
+
+/// Records one submission, within [`Gpu::submit`].
+#[derive(Debug)]
+pub struct Recorder<'a> {
+    gpu: &'a Gpu,
+    encoder: wgpu::CommandEncoder,
+}
+
+impl<'a> Recorder<'a> {
+    pub(super) fn new(gpu: &'a Gpu, label: &str) -> Self {
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some(label) };
+        Self {
+            gpu,
+            encoder: gpu.device().create_command_encoder(&descriptor),
+        }
+    }
+
+    /// Runs dispatches one after the other in one compute pass; each sees what those before it wrote.
+    ///
+    /// An error here, as in the other runs, is to be returned from [`Gpu::submit`]: nothing is submitted then.
+    pub fn run<'d>(&mut self, label: &str, dispatches: impl IntoIterator<Item = Dispatch<'d>>) -> Result<(), GpuError> {
+        self.compute(label, None, dispatches)
+    }
+
+    /// As [`Recorder::run`], each dispatch in a compute pass of its own, timed under the name of the same index in
+    /// `timer`; there must be as many.
+    pub fn run_timed<'d>(
+        &mut self,
+        timer: &Timer,
+        dispatches: impl IntoIterator<Item = Dispatch<'d>>,
+    ) -> Result<(), GpuError> {
+        let mut count = 0;
+        for dispatch in dispatches {
+            self.compute(dispatch.pipeline.label(), timer.writes(count), [dispatch])?;
+            count += 1;
+        }
+        timer.check_count(count)?;
+        timer.resolve(&mut self.encoder);
+        Ok(())
+    }
+
+    /// As [`Recorder::run`], timed as the one name of `timer`: what a frame takes when nothing else is measured.
+    pub fn run_timed_whole<'d>(
+        &mut self,
+        timer: &Timer,
+        dispatches: impl IntoIterator<Item = Dispatch<'d>>,
+    ) -> Result<(), GpuError> {
+        timer.check_count(1)?;
+        self.compute("frame", timer.writes(0), dispatches)?;
+        timer.resolve(&mut self.encoder);
+        Ok(())
+    }
+
+    /// Fills a buffer with zeros.
+    pub fn clear(&mut self, buffer: &StorageBuffer) {
+        self.encoder.clear_buffer(buffer.raw(), 0, None);
+    }
+
+    /// Copies the first bytes of a buffer, as many as `readback` holds, to be read once submitted.
+    pub fn read_back(&mut self, buffer: &StorageBuffer, readback: &Readback) -> Result<(), GpuError> {
+        buffer.check_span("read back", 0, readback.bytes())?;
+        self.encoder
+            .copy_buffer_to_buffer(buffer.raw(), 0, readback.raw(), 0, readback.bytes());
+        Ok(())
+    }
+
+    /// Copies a packed grey image into a texture; see [`TextureOut`] for its layout.
+    pub fn copy_to_texture(&mut self, pixels: &StorageBuffer, texture: &TextureOut) -> Result<(), GpuError> {
+        texture.copy(&mut self.encoder, pixels)
+    }
+
+    /// The encoder, for what is not offered here.
+    pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        &mut self.encoder
+    }
+
+    pub(super) fn finish(self) -> wgpu::CommandBuffer {
+        self.encoder.finish()
+    }
+
+    fn compute<'d>(
+        &mut self,
+        label: &str,
+        timestamp_writes: Option<wgpu::ComputePassTimestampWrites<'_>>,
+        dispatches: impl IntoIterator<Item = Dispatch<'d>>,
+    ) -> Result<(), GpuError> {
+        let available = self.gpu.limits().max_compute_workgroups_per_dimension;
+        let descriptor = wgpu::ComputePassDescriptor {
+            label: Some(label),
+            timestamp_writes,
+        };
+        let mut pass = self.encoder.begin_compute_pass(&descriptor);
+        for Dispatch {
+            pipeline,
+            bindings,
+            slot,
+            workgroups: [x, y, z],
+        } in dispatches
+        {
+            check_limit(
+                || format!("pass '{}'", pipeline.label()),
+                "max_compute_workgroups_per_dimension",
+                u64::from(x.max(y).max(z)),
+                u64::from(available),
+            )?;
+            pass.set_pipeline(pipeline.raw());
+            pass.set_bind_group(0, bindings, &[slot.saturating_mul(SLOT_BYTES as u32)]);
+            pass.dispatch_workgroups(x, y, z);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{Access, PassSource, Uniforms, testing};
+
+    #[test]
+    fn a_dispatch_beyond_the_limit_or_its_slots_is_an_error_and_the_device_lives_on() {
+        let Some(gpu) = testing::open() else { return };
+        let pass = PassSource {
+            label: "touch",
+            source: "@group(0) @binding(0) var<uniform> value: u32;
+                @group(0) @binding(1) var<storage, read_write> out: array<u32>;
+                @compute @workgroup_size(1) fn touch() { out[0] = value; }",
+            entry: "touch",
+            storage: &[Access::ReadWrite],
+            constants: &[],
+        };
+        let pipeline = Pipeline::new(&gpu, &pass).unwrap();
+        let mut uniforms = Uniforms::new(&gpu, "value", 2).unwrap();
+        let out = StorageBuffer::zeroed(&gpu, "out", 4).unwrap();
+        let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+        let run = |slot, workgroups| {
+            let dispatch = Dispatch {
+                pipeline: &pipeline,
+                bindings: &bindings,
+                slot,
+                workgroups,
+            };
+            gpu.submit("touch", |recorder| recorder.run("touch", [dispatch]))
+        };
+
+        let limit = gpu.limits().max_compute_workgroups_per_dimension;
+        match run(0, [1, limit + 1, 1]).unwrap_err() {
+            GpuError::Limit {
+                what,
+                limit: name,
+                needed,
+                available,
+            } => {
+                assert!(what.contains("touch"), "{what}");
+                assert_eq!(name, "max_compute_workgroups_per_dimension");
+                assert_eq!((needed, available), (u64::from(limit) + 1, u64::from(limit)));
+            }
+            other => panic!("{other}"),
+        }
+        assert!(matches!(run(2, [1, 1, 1]), Err(GpuError::Validation { .. })));
+
+        uniforms.set(1, &42_u32).unwrap();
+        uniforms.write(&gpu).unwrap();
+        run(1, [1, 1, 1]).unwrap();
+        let mut readback = Readback::new(&gpu, "out", 4).unwrap();
+        let mut found = [0_u32];
+        gpu.submit("copy", |recorder| recorder.read_back(&out, &readback))
+            .unwrap();
+        readback.read(&gpu, &mut found).unwrap();
+        assert_eq!(found, [42]);
+
+        gpu.submit("clear", |recorder| {
+            recorder.clear(&out);
+            recorder.read_back(&out, &readback)
+        })
+        .unwrap();
+        readback.read(&gpu, &mut found).unwrap();
+        assert_eq!(found, [0]);
+        let mut wide = Readback::new(&gpu, "wide", 8).unwrap();
+        let beyond = gpu.submit("copy", |recorder| recorder.read_back(&out, &wide));
+        assert!(
+            matches!(
+                beyond,
+                Err(GpuError::Mismatch {
+                    expected: 4,
+                    found: 8,
+                    ..
+                })
+            ),
+            "{beyond:?}"
+        );
+        wide.read(&gpu, &mut [0_u32; 2]).unwrap();
+    }
+}

@@ -1,0 +1,25 @@
+//! A device for unit tests, or a visible skip where the machine has no adapter.
+
+use super::{AdapterChoice, Gpu, GpuError, Needs};
+
+/// Environment variable that turns the skip into a failure.
+const REQUIRE_VARIABLE: &str = "INSONIFY_REQUIRE_GPU";
+
+/// An opened device, or `None` after saying that the test is skipped.
+pub(crate) fn open() -> Option<Gpu> {
+    open_with(&Needs::default())
+}
+
+/// As [`open`], with limits raised to `needs`.
+pub(crate) fn open_with(needs: &Needs) -> Option<Gpu> {
+    match Gpu::open(&AdapterChoice::from_flag(None), needs) {
+        Ok(gpu) => Some(gpu),
+        Err(GpuError::NoAdapter) => {
+            let required = std::env::var(REQUIRE_VARIABLE).is_ok_and(|value| value == "1");
+            assert!(!required, "{REQUIRE_VARIABLE}=1, and there is no GPU adapter");
+            println!("SKIPPED: no GPU adapter");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
