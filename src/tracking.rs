@@ -1,3 +1,5 @@
 //! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
 
+pub mod matrix;
+pub mod pose;
 pub mod probe;

@@ -3,8 +3,25 @@
 //! The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side, y axial into
 //! the body, z = x cross y. Sample `i` of a scanline lies `(i + 0.5) * depth / samples` millimetres along it.
 
+mod beam;
+mod image_grid;
+mod spec;
+
+pub use beam::{BeamGrid, Bounds, Ray};
+pub use image_grid::{ImageGrid, InvalidGrid, OUTSIDE, scan_map};
+pub use spec::{ProbeKind, ProbeSpec};
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// Depth of a scanline, mm: the shallowest is a small-animal scan, the deepest leaves room above any clinical one.
+pub const DEPTH_MM: [f64; 2] = [0.1, 1000.0];
+/// Centre frequency, MHz: low transcranial to ultrasound biomicroscopy.
+pub const FREQUENCY_MHZ: [f64; 2] = [0.1, 100.0];
+/// Scanlines of a frame.
+pub const LINES: [u32; 2] = [1, 8192];
+/// Samples along a scanline.
+pub const SAMPLES: [u32; 2] = [1, 16384];
 
 /// The shape of a transducer's field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -39,4 +56,219 @@ pub enum ProbeShape {
         /// Length of the array, mm (1 to 300).
         length_mm: f64,
     },
+}
+
+/// A transducer and how it samples its field of view.
+///
+/// In files it is one flat table (see [`ProbeSpec`]); reading one validates it. A value made in code is checked by
+/// [`Probe::validate`], which [`BeamGrid::new`] calls.
+///
+/// ```
+/// use insonify::tracking::probe::{BeamGrid, Probe, ProbeShape};
+///
+/// let probe = Probe::new(ProbeShape::Curvilinear { radius_mm: 60.0, angle_deg: 70.0 }, 150.0)?;
+/// let beam = BeamGrid::new(&probe)?;
+/// assert_eq!(beam.rays().len(), 256);
+/// assert!(beam.to_beam(0.0, 75.0).is_some());
+/// # Ok::<(), insonify::tracking::probe::InvalidProbe>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(try_from = "ProbeSpec", into = "ProbeSpec")]
+#[schemars(with = "ProbeSpec")]
+pub struct Probe {
+    /// The field of view.
+    pub shape: ProbeShape,
+    /// Length of every scanline, mm (0.1 to 1000).
+    pub depth_mm: f64,
+    /// Centre frequency, MHz (0.1 to 100).
+    pub frequency_mhz: f64,
+    /// Scanlines, spread from edge to edge inclusive (1 to 8192); a single one runs down the middle.
+    pub lines: u32,
+    /// Samples along each scanline (1 to 16384).
+    pub samples: u32,
+}
+
+/// Why a probe cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidProbe {
+    /// A number outside its range, or not a number.
+    #[error("probe key `{key}` is {found}; expected {low} to {high}")]
+    OutOfRange {
+        /// The key in a probe table.
+        key: &'static str,
+        /// The value given.
+        found: f64,
+        /// Smallest value allowed.
+        low: f64,
+        /// Largest value allowed.
+        high: f64,
+    },
+    /// A key that this kind of probe cannot do without.
+    #[error("probe key `{key}` is missing; a {kind} probe needs it")]
+    Missing {
+        /// The key in a probe table.
+        key: &'static str,
+        /// The kind of probe.
+        kind: ProbeKind,
+    },
+    /// A key that has no meaning for this kind of probe.
+    #[error("probe key `{key}` has no meaning for a {kind} probe; remove it")]
+    Superfluous {
+        /// The key in a probe table.
+        key: &'static str,
+        /// The kind of probe.
+        kind: ProbeKind,
+    },
+}
+
+impl InvalidProbe {
+    /// The key at fault, as written in a probe table.
+    pub fn key(&self) -> &'static str {
+        match self {
+            Self::OutOfRange { key, .. } | Self::Missing { key, .. } | Self::Superfluous { key, .. } => key,
+        }
+    }
+}
+
+impl ProbeShape {
+    /// The kind, as named in files.
+    pub fn kind(&self) -> ProbeKind {
+        match self {
+            Self::Linear { .. } => ProbeKind::Linear,
+            Self::Curvilinear { .. } => ProbeKind::Curvilinear,
+            Self::Phased { .. } => ProbeKind::Phased,
+            Self::TrusTransverse { .. } => ProbeKind::TrusTransverse,
+            Self::TrusSagittal { .. } => ProbeKind::TrusSagittal,
+        }
+    }
+
+    /// Checks every number against its documented range.
+    pub fn validate(&self) -> Result<(), InvalidProbe> {
+        match *self {
+            Self::Linear { width_mm } => within("width_mm", width_mm, [1.0, 300.0]),
+            Self::Curvilinear { radius_mm, angle_deg } => {
+                within("radius_mm", radius_mm, [2.0, 200.0]).and_then(|()| within("angle_deg", angle_deg, [1.0, 180.0]))
+            }
+            Self::Phased { angle_deg } => within("angle_deg", angle_deg, [1.0, 120.0]),
+            Self::TrusTransverse { radius_mm, angle_deg } => {
+                within("radius_mm", radius_mm, [2.0, 50.0]).and_then(|()| within("angle_deg", angle_deg, [1.0, 270.0]))
+            }
+            Self::TrusSagittal { length_mm } => within("length_mm", length_mm, [1.0, 300.0]),
+        }
+    }
+}
+
+impl Probe {
+    /// A probe of `shape` that sees `depth_mm` deep, with the kind's usual frequency and the default grid of 256 scanlines
+    /// by 512 samples.
+    pub fn new(shape: ProbeShape, depth_mm: f64) -> Result<Self, InvalidProbe> {
+        let probe = Self {
+            shape,
+            depth_mm,
+            frequency_mhz: shape.kind().usual_frequency_mhz(),
+            lines: spec::DEFAULT_LINES,
+            samples: spec::DEFAULT_SAMPLES,
+        };
+        probe.validate()?;
+        Ok(probe)
+    }
+
+    /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without angle
+    /// or depth is not.
+    pub fn validate(&self) -> Result<(), InvalidProbe> {
+        self.shape.validate()?;
+        within("depth_mm", self.depth_mm, DEPTH_MM)?;
+        within("frequency_mhz", self.frequency_mhz, FREQUENCY_MHZ)?;
+        within("lines", f64::from(self.lines), LINES.map(f64::from))?;
+        within("samples", f64::from(self.samples), SAMPLES.map(f64::from))
+    }
+}
+
+fn within(key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), InvalidProbe> {
+    if (low..=high).contains(&found) {
+        Ok(())
+    } else {
+        Err(InvalidProbe::OutOfRange { key, found, low, high })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// One probe of each kind, with few enough scanlines that a whole grid is quick to walk.
+    pub(crate) fn one_of_each() -> [Probe; 5] {
+        [
+            ProbeShape::Linear { width_mm: 40.0 },
+            ProbeShape::Curvilinear {
+                radius_mm: 50.0,
+                angle_deg: 70.0,
+            },
+            ProbeShape::Phased { angle_deg: 90.0 },
+            ProbeShape::TrusTransverse {
+                radius_mm: 10.0,
+                angle_deg: 250.0,
+            },
+            ProbeShape::TrusSagittal { length_mm: 60.0 },
+        ]
+        .map(|shape| Probe {
+            shape,
+            depth_mm: 80.0,
+            frequency_mhz: 5.0,
+            lines: 33,
+            samples: 40,
+        })
+    }
+
+    #[test]
+    fn degenerate_sectors_are_refused_by_key() {
+        let good = one_of_each()[1];
+        let curved = |radius_mm, angle_deg| Probe {
+            shape: ProbeShape::Curvilinear { radius_mm, angle_deg },
+            ..good
+        };
+        let cases = [
+            ("angle_deg", curved(50.0, 0.0)),
+            ("angle_deg", curved(50.0, -70.0)),
+            ("angle_deg", curved(50.0, 180.5)),
+            ("radius_mm", curved(f64::NAN, 70.0)),
+            ("depth_mm", Probe { depth_mm: 0.0, ..good }),
+            (
+                "depth_mm",
+                Probe {
+                    depth_mm: f64::INFINITY,
+                    ..good
+                },
+            ),
+            (
+                "frequency_mhz",
+                Probe {
+                    frequency_mhz: -1.0,
+                    ..good
+                },
+            ),
+            ("lines", Probe { lines: 0, ..good }),
+            ("samples", Probe { samples: 0, ..good }),
+        ];
+        for (key, probe) in cases {
+            let error = probe.validate().expect_err(key);
+            assert_eq!(error.key(), key, "{error}");
+            assert!(BeamGrid::new(&probe).is_err());
+        }
+    }
+
+    #[test]
+    fn a_single_line_and_a_single_sample_are_allowed() {
+        for probe in one_of_each() {
+            assert_eq!(
+                Probe {
+                    lines: 1,
+                    samples: 1,
+                    ..probe
+                }
+                .validate(),
+                Ok(())
+            );
+        }
+    }
 }

@@ -1,0 +1,321 @@
+//! Transforms as people write them in files, and what makes one rigid.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use nalgebra::{Matrix3, Matrix4, Vector3};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Deserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
+
+/// A 4 x 4 transform on column vectors as written in a file: four rows of four numbers, sixteen numbers row by row, or a
+/// string of sixteen numbers as PLUS writes them. Says nothing about the numbers: see [`rigid`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rows(pub Matrix4<f64>);
+
+/// Largest deviation of a rotation's entries from a proper one that is still put right: tracked rotations are orthonormal to
+/// a few 1e-4 (`Prostate10_tracker` of PlusLibData: 3e-4), rounded ones to a few 1e-3.
+pub const RIGID_TOLERANCE: f64 = 5e-3;
+
+/// Farthest that a rigid transform may move the origin along an axis, mm: a kilometre, so that later products cannot overflow.
+pub const FARTHEST_MM: f64 = 1e6;
+
+/// Why a matrix is not a rigid transform.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NotRigid {
+    /// An entry is NaN or infinite.
+    #[error("row {row}, column {column} is {found}; expected a finite number")]
+    NotFinite {
+        /// Row, from 0.
+        row: usize,
+        /// Column, from 0.
+        column: usize,
+        /// The entry.
+        found: f64,
+    },
+    /// The last row is not 0 0 0 1.
+    #[error("the last row is {found:?}; expected [0, 0, 0, 1]")]
+    LastRow {
+        /// The last row.
+        found: [f64; 4],
+    },
+    /// The axes mirror space.
+    #[error("the axes are left-handed (determinant {determinant}); expected a rotation, so flip one axis")]
+    Mirrored {
+        /// Determinant of the upper left 3 x 3 part.
+        determinant: f64,
+    },
+    /// The axes are skewed or scaled.
+    #[error(
+        "the axes are off a rotation by {deviation:.2e}; expected at most 5e-3 (is there a scale or a shear in it?)"
+    )]
+    Deviates {
+        /// Largest entry of the difference to the nearest rotation.
+        deviation: f64,
+    },
+    /// The translation is absurd.
+    #[error("the position {found:?} mm is farther than 1e6 mm from the origin")]
+    TooFar {
+        /// The translation, mm.
+        found: [f64; 3],
+    },
+}
+
+/// The rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition. Refused
+/// when that moves an entry by more than [`RIGID_TOLERANCE`].
+pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, NotRigid> {
+    for row in 0..4 {
+        for column in 0..4 {
+            let found = matrix[(row, column)];
+            if !found.is_finite() {
+                return Err(NotRigid::NotFinite { row, column, found });
+            }
+        }
+    }
+    let last = [0, 1, 2, 3].map(|column| matrix[(3, column)]);
+    let expected = [0.0, 0.0, 0.0, 1.0];
+    if last
+        .iter()
+        .zip(expected)
+        .any(|(found, expected)| (found - expected).abs() > 1e-6)
+    {
+        return Err(NotRigid::LastRow { found: last });
+    }
+    let position = Vector3::from([0, 1, 2].map(|row| matrix[(row, 3)]));
+    if position.amax() > FARTHEST_MM {
+        return Err(NotRigid::TooFar { found: position.into() });
+    }
+    let axes = matrix.fixed_view::<3, 3>(0, 0).into_owned();
+    let rotation = nearest_rotation(&axes)?;
+    let mut rigid = rotation.to_homogeneous();
+    rigid.fixed_view_mut::<3, 1>(0, 3).copy_from(&position);
+    Ok(rigid)
+}
+
+fn nearest_rotation(axes: &Matrix3<f64>) -> Result<Matrix3<f64>, NotRigid> {
+    if axes.amax() > 1.0 + RIGID_TOLERANCE {
+        return Err(NotRigid::Deviates {
+            deviation: axes.amax() - 1.0,
+        });
+    }
+    let determinant = axes.determinant();
+    let svd = axes.svd(true, true);
+    let deviation = |rotation: &Matrix3<f64>| (axes - rotation).amax();
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Err(NotRigid::Deviates { deviation: 1.0 });
+    };
+    let orthogonal = u * v_t;
+    let deviation = deviation(&orthogonal);
+    if deviation > RIGID_TOLERANCE {
+        Err(NotRigid::Deviates { deviation })
+    } else if determinant < 0.0 {
+        Err(NotRigid::Mirrored { determinant })
+    } else {
+        Ok(orthogonal)
+    }
+}
+
+/// Inverse of a rigid transform.
+pub(crate) fn inverse_rigid(matrix: &Matrix4<f64>) -> Matrix4<f64> {
+    let back = matrix.fixed_view::<3, 3>(0, 0).transpose();
+    let position = -(back * matrix.fixed_view::<3, 1>(0, 3));
+    let mut inverse = back.to_homogeneous();
+    inverse.fixed_view_mut::<3, 1>(0, 3).copy_from(&position);
+    inverse
+}
+
+impl Rows {
+    /// A transform from sixteen numbers, row by row; `None` for any other count.
+    pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        <&[f64; 16]>::try_from(numbers)
+            .ok()
+            .map(|numbers| Self(Matrix4::from_row_slice(numbers)))
+    }
+
+    /// A transform from sixteen numbers separated by white space, row by row. Says what was found instead.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let numbers = text
+            .split_whitespace()
+            .map(|word| word.parse().map_err(|_| format!("`{word}` in place of a number")))
+            .collect::<Result<Vec<f64>, String>>()?;
+        Self::from_numbers(&numbers).ok_or_else(|| format!("{} numbers in place of 16", numbers.len()))
+    }
+
+    /// The four rows.
+    pub fn rows(&self) -> [[f64; 4]; 4] {
+        [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| self.0[(row, column)]))
+    }
+}
+
+impl Serialize for Rows {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.rows().serialize(serializer)
+    }
+}
+
+const WANTED: &str = "a 4 x 4 transform: 4 rows of 4 numbers, or 16 numbers row by row";
+
+struct RowsVisitor;
+
+/// One entry of a list: a number, or a row.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "expected a number or a row of 4 numbers")]
+enum Entry {
+    Number(f64),
+    Row([f64; 4]),
+}
+
+impl<'de> Visitor<'de> for RowsVisitor {
+    type Value = Rows;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(WANTED)
+    }
+
+    fn visit_str<E: serde::de::Error>(self, text: &str) -> Result<Rows, E> {
+        Rows::parse(text).map_err(|found| E::custom(format!("found {found}; expected {WANTED}")))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Rows, A::Error> {
+        let mut numbers = Vec::with_capacity(16);
+        while let Some(entry) = list.next_element()? {
+            match entry {
+                Entry::Number(number) => numbers.push(number),
+                Entry::Row(row) => numbers.extend(row),
+            }
+            if numbers.len() > 16 {
+                break;
+            }
+        }
+        Rows::from_numbers(&numbers).ok_or_else(|| serde::de::Error::invalid_length(numbers.len(), &WANTED))
+    }
+}
+
+impl<'de> Deserialize<'de> for Rows {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(RowsVisitor)
+    }
+}
+
+impl JsonSchema for Rows {
+    fn schema_name() -> Cow<'static, str> {
+        "Transform".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let row = json_schema!({ "type": "array", "items": { "type": "number" }, "minItems": 4, "maxItems": 4 });
+        json_schema!({
+            "description": WANTED,
+            "anyOf": [
+                { "type": "array", "items": row, "minItems": 4, "maxItems": 4 },
+                { "type": "array", "items": { "type": "number" }, "minItems": 16, "maxItems": 16 },
+                { "type": "string" },
+            ],
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    struct Holder {
+        matrix: Rows,
+    }
+
+    #[test]
+    fn all_spellings_mean_the_same() {
+        let texts = [
+            "matrix = [[1, 0, 0, 5], [0, 1, 0, 6.5], [0, 0, 1, -7], [0, 0, 0, 1]]",
+            "matrix = [1, 0, 0, 5, 0, 1, 0, 6.5, 0, 0, 1, -7, 0, 0, 0, 1]",
+            "matrix = '1 0 0 5  0 1 0 65e-001\n 0 0 1 -7 0 0 0 1'",
+        ];
+        for text in texts {
+            let text = text.replace('\n', " ");
+            let matrix = toml::from_str::<Holder>(&text).expect("matrix").matrix.0;
+            assert_eq!(
+                matrix,
+                Matrix4::new_translation(&Vector3::new(5.0, 6.5, -7.0)),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn wrong_counts_and_words_are_named() {
+        let cases = [
+            ("matrix = [1, 2, 3]", "length 3"),
+            ("matrix = '1 2 x'", "`x` in place of a number"),
+            ("matrix = '1 2'", "2 numbers in place of 16"),
+            ("matrix = [[1, 2], [3, 4]]", "row of 4 numbers"),
+            ("matrix = 3", "4 x 4 transform"),
+        ];
+        for (text, message) in cases {
+            let error = toml::from_str::<Holder>(text).expect_err(text).to_string();
+            assert!(error.contains(message), "{error}");
+        }
+    }
+
+    #[test]
+    fn matrices_that_are_not_rigid_are_refused_with_the_reason() {
+        let turn = Rotation3::from_euler_angles(0.3, -0.4, 1.1).to_homogeneous();
+        let with = |row, column, value| {
+            let mut matrix = turn;
+            matrix[(row, column)] = value;
+            matrix
+        };
+        assert!(matches!(
+            rigid(&with(1, 2, f64::NAN)),
+            Err(NotRigid::NotFinite { row: 1, column: 2, .. })
+        ));
+        assert!(matches!(
+            rigid(&with(0, 3, f64::INFINITY)),
+            Err(NotRigid::NotFinite { .. })
+        ));
+        assert!(matches!(rigid(&with(3, 0, 0.1)), Err(NotRigid::LastRow { .. })));
+        assert!(matches!(rigid(&with(0, 3, 2e6)), Err(NotRigid::TooFar { .. })));
+        assert!(matches!(rigid(&(turn.scale(0.085))), Err(NotRigid::LastRow { .. })));
+        assert!(matches!(rigid(&Matrix4::zeros()), Err(NotRigid::LastRow { .. })));
+        let scaled = Matrix4::new_nonuniform_scaling(&Vector3::new(1.0, 0.9, 1.0)) * turn;
+        assert!(matches!(rigid(&scaled), Err(NotRigid::Deviates { .. })));
+        let huge = Matrix4::new_scaling(1e300);
+        assert!(matches!(rigid(&huge), Err(NotRigid::Deviates { .. })));
+        let mirrored = Matrix4::new_nonuniform_scaling(&Vector3::new(-1.0, 1.0, 1.0)) * turn;
+        assert!(matches!(rigid(&mirrored), Err(NotRigid::Mirrored { .. })));
+        let flat = Matrix4::new_nonuniform_scaling(&Vector3::new(0.0, 1.0, 1.0));
+        assert!(matches!(rigid(&flat), Err(NotRigid::Deviates { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn nearly_rigid_matrices_become_rigid(
+            angles in prop::array::uniform3(-3.0..3.0f64),
+            noise in prop::array::uniform9(-1e-3..1e-3f64),
+            position in prop::array::uniform3(-500.0..500.0f64),
+        ) {
+            let mut matrix = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).to_homogeneous();
+            for (i, noise) in noise.into_iter().enumerate() {
+                matrix[(i / 3, i % 3)] += noise;
+            }
+            for row in 0..3 {
+                matrix[(row, 3)] = position[row];
+            }
+            let rigid = rigid(&matrix).expect("rigid");
+            let axes = rigid.fixed_view::<3, 3>(0, 0);
+            prop_assert!((axes.transpose() * axes - Matrix3::identity()).amax() < 1e-12);
+            prop_assert!((axes.determinant() - 1.0).abs() < 1e-12);
+            prop_assert!((rigid - matrix).amax() < 3e-3);
+            prop_assert!((inverse_rigid(&rigid) * rigid - Matrix4::identity()).amax() < 1e-9);
+        }
+
+        #[test]
+        fn rigid_matrices_stay_as_they_are(angles in prop::array::uniform3(-3.0..3.0f64)) {
+            let matrix = Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).to_homogeneous();
+            prop_assert!((rigid(&matrix).expect("rigid") - matrix).amax() < 1e-13);
+        }
+    }
+}

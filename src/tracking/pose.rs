@@ -1,0 +1,433 @@
+//! Where the probe is: a rigid transform from the probe frame to the world (LPS, mm).
+
+use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::matrix::{self, NotRigid, Rows};
+
+/// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
+/// says nothing.
+const PARALLEL_SINE: f64 = 1e-3;
+
+/// Place and orientation of a probe: its frame (x lateral towards the marked side, y axial into the body, z = x cross y) in
+/// the world. Always finite and a proper rotation.
+///
+/// ```
+/// use insonify::tracking::pose::Pose;
+/// use nalgebra::{Point3, Vector3};
+///
+/// let pose = Pose::from_direction(Point3::new(0.0, -120.0, 40.0), Vector3::y(), Some(Vector3::x()))?;
+/// let ten_deep = pose.probe_to_world().transform_point(&Point3::new(0.0, 10.0, 0.0));
+/// assert!((ten_deep - Point3::new(0.0, -110.0, 40.0)).norm() < 1e-12);
+/// # Ok::<(), insonify::tracking::pose::InvalidPose>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    probe_to_world: Matrix4<f64>,
+}
+
+/// Why a pose cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidPose {
+    /// The matrix is not a rigid transform.
+    #[error("pose matrix: {0}")]
+    Matrix(#[from] NotRigid),
+    /// A vector is zero, or holds a NaN or an infinity.
+    #[error("pose key `{key}` is {found:?}; expected finite numbers that are not all zero")]
+    Vector {
+        /// The key in a pose table.
+        key: &'static str,
+        /// The vector given.
+        found: [f64; 3],
+    },
+    /// A position or an angle is NaN or infinite, or a position is too far away.
+    #[error("pose key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
+    Number {
+        /// The key in a pose table.
+        key: &'static str,
+        /// The numbers given.
+        found: Vec<f64>,
+    },
+    /// The lateral hint runs along the axial direction.
+    #[error("pose key `lateral` is {lateral:?}, parallel to `direction` {direction:?}; expected a vector across it")]
+    ParallelLateral {
+        /// The lateral hint.
+        lateral: [f64; 3],
+        /// The axial direction.
+        direction: [f64; 3],
+    },
+    /// A rotation's quaternion is not of unit length.
+    #[error("quaternion {found:?} (w, x, y, z) has length {length}; expected 1")]
+    Quaternion {
+        /// w, x, y, z.
+        found: [f64; 4],
+        /// Its length.
+        length: f64,
+    },
+    /// Neither or both ways to give a pose.
+    #[error("{found}; expected either `matrix` alone, or `position_mm` with `direction`")]
+    Incomplete {
+        /// What the table holds.
+        found: &'static str,
+    },
+}
+
+impl Pose {
+    /// The probe frame as the world frame.
+    pub fn identity() -> Self {
+        Self {
+            probe_to_world: Matrix4::identity(),
+        }
+    }
+
+    /// A pose from a probe-to-world matrix on column vectors, mm. Rotations off by up to 5e-3 an entry, as trackers send
+    /// them, are put right.
+    pub fn from_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, InvalidPose> {
+        Ok(Self {
+            probe_to_world: matrix::rigid(probe_to_world)?,
+        })
+    }
+
+    /// A pose from the centre of the array (mm), the axial direction and a hint for the lateral one, which is made square to
+    /// the axial direction. The lengths of the vectors do not matter. Without a hint the marked side points to the patient's
+    /// left (+x), or to the feet (-z) where the probe looks along x within 45 degrees.
+    pub fn from_direction(
+        position_mm: Point3<f64>,
+        direction: Vector3<f64>,
+        lateral: Option<Vector3<f64>>,
+    ) -> Result<Self, InvalidPose> {
+        let axial = unit("direction", direction)?;
+        let hint = match lateral {
+            Some(lateral) => unit("lateral", lateral)?.into_inner(),
+            None if axial.x.abs() <= std::f64::consts::FRAC_1_SQRT_2 => Vector3::x(),
+            None => -Vector3::z(),
+        };
+        let across = hint - axial.scale(hint.dot(&axial));
+        if across.norm() < PARALLEL_SINE {
+            return Err(InvalidPose::ParallelLateral {
+                lateral: lateral.unwrap_or(hint).into(),
+                direction: direction.into(),
+            });
+        }
+        let x = across.normalize();
+        let axes = Matrix3::from_columns(&[x, axial.into_inner(), x.cross(&axial)]);
+        Self::from_axes(position_mm, &axes)
+    }
+
+    /// A pose from the centre of the array (mm) and a rotation from the probe frame to the world.
+    pub fn from_rotation(position_mm: Point3<f64>, rotation: &UnitQuaternion<f64>) -> Result<Self, InvalidPose> {
+        Self::from_axes(position_mm, rotation.to_rotation_matrix().matrix())
+    }
+
+    /// A pose from the centre of the array (mm) and a quaternion w, x, y, z of length 1 within a hundredth.
+    pub fn from_quaternion(position_mm: Point3<f64>, wxyz: [f64; 4]) -> Result<Self, InvalidPose> {
+        let quaternion = nalgebra::Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+        let length = quaternion.norm();
+        if !((length - 1.0).abs() <= 1e-2) {
+            return Err(InvalidPose::Quaternion { found: wxyz, length });
+        }
+        Self::from_rotation(position_mm, &UnitQuaternion::from_quaternion(quaternion))
+    }
+
+    fn from_axes(position_mm: Point3<f64>, axes: &Matrix3<f64>) -> Result<Self, InvalidPose> {
+        if !(position_mm.coords.iter().all(|x| x.is_finite()) && position_mm.coords.amax() <= matrix::FARTHEST_MM) {
+            return Err(InvalidPose::Number {
+                key: "position_mm",
+                found: position_mm.coords.as_slice().to_vec(),
+            });
+        }
+        let mut probe_to_world = axes.to_homogeneous();
+        probe_to_world
+            .fixed_view_mut::<3, 1>(0, 3)
+            .copy_from(&position_mm.coords);
+        Ok(Self { probe_to_world })
+    }
+
+    /// The pose moved to `position_mm` and turned the shortest way until it looks along `direction`: what keeps the marked
+    /// side steady along a path that states directions alone.
+    pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, InvalidPose> {
+        let axial = unit("direction", direction)?;
+        let turn = Rotation3::rotation_between(&self.axial(), &axial)
+            .unwrap_or_else(|| Rotation3::from_axis_angle(&self.lateral(), std::f64::consts::PI));
+        Self::from_axes(position_mm, &(turn.matrix() * self.axes()))
+    }
+
+    /// The pose turned about its own axes, in this order: `rotate` about the axial one, `rock` in its plane (about z), `tilt`
+    /// out of its plane (about x). Radians.
+    pub fn turned(&self, rotate: f64, rock: f64, tilt: f64) -> Self {
+        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), rotate)
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), rock)
+            * Rotation3::from_axis_angle(&Vector3::x_axis(), tilt);
+        Self {
+            probe_to_world: self.probe_to_world * turn.to_homogeneous(),
+        }
+    }
+
+    /// Probe frame to world, mm.
+    pub fn probe_to_world(&self) -> &Matrix4<f64> {
+        &self.probe_to_world
+    }
+
+    /// World to probe frame, mm.
+    pub fn world_to_probe(&self) -> Matrix4<f64> {
+        matrix::inverse_rigid(&self.probe_to_world)
+    }
+
+    /// Centre of the array in the world, mm.
+    pub fn position_mm(&self) -> Point3<f64> {
+        Point3::from(self.column(3))
+    }
+
+    /// Direction towards the marked side.
+    pub fn lateral(&self) -> Unit<Vector3<f64>> {
+        Unit::new_unchecked(self.column(0))
+    }
+
+    /// Direction into the body.
+    pub fn axial(&self) -> Unit<Vector3<f64>> {
+        Unit::new_unchecked(self.column(1))
+    }
+
+    /// Direction out of the image plane.
+    pub fn elevational(&self) -> Unit<Vector3<f64>> {
+        Unit::new_unchecked(self.column(2))
+    }
+
+    /// Rotation from the probe frame to the world.
+    pub fn rotation(&self) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.axes()))
+    }
+
+    fn column(&self, column: usize) -> Vector3<f64> {
+        self.probe_to_world.fixed_view::<3, 1>(0, column).into_owned()
+    }
+
+    fn axes(&self) -> Matrix3<f64> {
+        self.probe_to_world.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+}
+
+fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, InvalidPose> {
+    let largest = vector.amax();
+    let scaled = vector / largest;
+    if scaled.iter().all(|x| x.is_finite()) {
+        Ok(Unit::new_normalize(scaled))
+    } else {
+        Err(InvalidPose::Vector {
+            key,
+            found: vector.into(),
+        })
+    }
+}
+
+/// A pose as written in a file: either `matrix`, or `position_mm` and `direction` with what refines them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PoseSpec {
+    /// Centre of the array in the world (LPS), mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<[f64; 3]>,
+    /// Where the probe looks (axial direction) in the world; any length.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// Hint for the side of the marker in the world; any length, made square to `direction`. Default: the patient's left, or
+    /// the feet where the probe looks along the left-right axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lateral: Option<[f64; 3]>,
+    /// Turn about the axial direction, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotate_deg: Option<f64>,
+    /// Turn within the image plane, towards the marked side when negative, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rock_deg: Option<f64>,
+    /// Turn out of the image plane, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<f64>,
+    /// Probe-to-world transform, mm: rigid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<Rows>,
+}
+
+impl PoseSpec {
+    /// The pose. `previous` is the pose before it on a path, if any: a direction without `lateral` is then reached by the
+    /// shortest turn from it.
+    pub fn pose(&self, previous: Option<&Pose>) -> Result<Pose, InvalidPose> {
+        let base = match (&self.matrix, self.position_mm, self.direction) {
+            (Some(rows), None, None) if self.lateral.is_none() => Pose::from_matrix(&rows.0)?,
+            (None, Some(position), Some(direction)) => {
+                let (position, direction) = (Point3::from(position), Vector3::from(direction));
+                match (self.lateral, previous) {
+                    (None, Some(previous)) => previous.turned_to(position, direction)?,
+                    (lateral, _) => Pose::from_direction(position, direction, lateral.map(Vector3::from))?,
+                }
+            }
+            (found, position, direction) => {
+                return Err(InvalidPose::Incomplete {
+                    found: match (found, position, direction) {
+                        (Some(_), ..) => "a pose with `matrix` and other keys for the same thing",
+                        (None, None, None) => "a pose without `position_mm` and `direction`",
+                        (None, None, _) => "a pose without `position_mm`",
+                        (None, Some(_), _) => "a pose without `direction`",
+                    },
+                });
+            }
+        };
+        let turns = [
+            ("rotate_deg", self.rotate_deg),
+            ("rock_deg", self.rock_deg),
+            ("tilt_deg", self.tilt_deg),
+        ];
+        let mut radians = [0.0; 3];
+        for ((key, turn), radians) in turns.into_iter().zip(&mut radians) {
+            let degrees = turn.unwrap_or(0.0);
+            if !(degrees.abs() <= matrix::FARTHEST_MM) {
+                return Err(InvalidPose::Number {
+                    key,
+                    found: vec![degrees],
+                });
+            }
+            *radians = degrees.to_radians();
+        }
+        if radians == [0.0; 3] {
+            return Ok(base);
+        }
+        Ok(base.turned(radians[0], radians[1], radians[2]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn axes_follow_direction_and_hint() {
+        let pose = Pose::from_direction(
+            Point3::new(1.0, 2.0, 3.0),
+            Vector3::new(0.0, 4.0, 0.0),
+            Some(Vector3::new(1.0, 7.0, 0.0)),
+        )
+        .expect("pose");
+        assert!((pose.lateral().into_inner() - Vector3::x()).norm() < 1e-12);
+        assert!((pose.axial().into_inner() - Vector3::y()).norm() < 1e-12);
+        assert!((pose.elevational().into_inner() - Vector3::z()).norm() < 1e-12);
+        assert_eq!(pose.position_mm(), Point3::new(1.0, 2.0, 3.0));
+    }
+
+    #[test]
+    fn every_direction_has_a_default_marked_side() {
+        for direction in [
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 1.0, 1.0],
+            [0.0, -1e-300, 0.0],
+        ] {
+            let pose = Pose::from_direction(Point3::origin(), Vector3::from(direction), None).expect("pose");
+            Pose::from_matrix(pose.probe_to_world()).expect("rigid");
+        }
+    }
+
+    #[test]
+    fn vectors_without_a_direction_are_refused() {
+        let make = |direction: [f64; 3], lateral: [f64; 3]| {
+            Pose::from_direction(Point3::origin(), direction.into(), Some(lateral.into()))
+        };
+        assert!(matches!(
+            make([0.0; 3], [1.0, 0.0, 0.0]),
+            Err(InvalidPose::Vector { key: "direction", .. })
+        ));
+        assert!(matches!(
+            make([f64::NAN, 1.0, 0.0], [1.0, 0.0, 0.0]),
+            Err(InvalidPose::Vector { key: "direction", .. })
+        ));
+        assert!(matches!(
+            make([0.0, 1.0, 0.0], [0.0; 3]),
+            Err(InvalidPose::Vector { key: "lateral", .. })
+        ));
+        assert!(matches!(
+            make([0.0, 1.0, 0.0], [1e-4, -2.0, 0.0]),
+            Err(InvalidPose::ParallelLateral { .. })
+        ));
+        let far = Pose::from_direction(Point3::new(f64::NAN, 0.0, 0.0), Vector3::y(), None);
+        assert!(matches!(far, Err(InvalidPose::Number { key: "position_mm", .. })));
+    }
+
+    #[test]
+    fn turns_are_about_the_probes_own_axes() {
+        let pose = Pose::from_direction(Point3::origin(), -Vector3::z(), Some(Vector3::x())).expect("pose");
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let rotated = pose.turned(quarter, 0.0, 0.0);
+        assert!((rotated.axial().into_inner() - pose.axial().into_inner()).norm() < 1e-12);
+        let tilted = pose.turned(0.0, 0.0, quarter);
+        assert!((tilted.axial().into_inner() - pose.elevational().into_inner()).norm() < 1e-12);
+        let rocked = pose.turned(0.0, -quarter, 0.0);
+        assert!((rocked.axial().into_inner() - pose.lateral().into_inner()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn tables_say_what_they_lack() {
+        let parse = |text: &str| toml::from_str::<PoseSpec>(text).expect("table").pose(None);
+        assert!(parse("position_mm = [0, 0, 0]\ndirection = [0, 1, 0]\ntilt_deg = 10").is_ok());
+        assert!(matches!(parse(""), Err(InvalidPose::Incomplete { .. })));
+        assert!(matches!(
+            parse("position_mm = [0, 0, 0]"),
+            Err(InvalidPose::Incomplete { .. })
+        ));
+        let both = "direction = [0, 1, 0]\nmatrix = '1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'";
+        assert!(matches!(parse(both), Err(InvalidPose::Incomplete { .. })));
+        let nan = "matrix = '1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1'";
+        assert!(matches!(
+            parse(nan),
+            Err(InvalidPose::Matrix(NotRigid::NotFinite { row: 0, column: 3, .. }))
+        ));
+        let angle = "position_mm = [0, 0, 0]\ndirection = [0, 1, 0]\ntilt_deg = nan";
+        assert!(matches!(parse(angle), Err(InvalidPose::Number { key: "tilt_deg", .. })));
+        assert!(toml::from_str::<PoseSpec>("positon_mm = [0, 0, 0]").is_err());
+    }
+
+    #[test]
+    fn quaternions_that_are_no_rotations_are_refused() {
+        assert!(Pose::from_quaternion(Point3::origin(), [1.001, 0.0, 0.0, 0.0]).is_ok());
+        for bad in [[0.0; 4], [f64::NAN, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]] {
+            assert!(matches!(
+                Pose::from_quaternion(Point3::origin(), bad),
+                Err(InvalidPose::Quaternion { .. })
+            ));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn world_and_probe_round_trip(
+            direction in prop::array::uniform3(-1.0..1.0f64),
+            position in prop::array::uniform3(-300.0..300.0f64),
+            point in prop::array::uniform3(-200.0..200.0f64),
+        ) {
+            prop_assume!(Vector3::from(direction).norm() > 1e-3);
+            let pose = Pose::from_direction(position.into(), direction.into(), None).expect("pose");
+            let point = Point3::from(point);
+            let back = pose.world_to_probe().transform_point(&pose.probe_to_world().transform_point(&point));
+            prop_assert!((back - point).norm() < 1e-9);
+            let again = Pose::from_rotation(pose.position_mm(), &pose.rotation()).expect("pose");
+            prop_assert!((again.probe_to_world() - pose.probe_to_world()).amax() < 1e-9);
+        }
+
+        #[test]
+        fn the_shortest_turn_reaches_any_direction(
+            from in prop::array::uniform3(-1.0..1.0f64),
+            to in prop::array::uniform3(-1.0..1.0f64),
+            opposite in any::<bool>(),
+        ) {
+            let from = Vector3::from(from);
+            let to = if opposite { -from } else { Vector3::from(to) };
+            prop_assume!(from.norm() > 1e-3 && to.norm() > 1e-3);
+            let pose = Pose::from_direction(Point3::origin(), from, None).expect("pose");
+            let turned = pose.turned_to(Point3::origin(), to).expect("pose");
+            prop_assert!((turned.axial().into_inner() - to.normalize()).norm() < 1e-6);
+            Pose::from_matrix(turned.probe_to_world()).expect("rigid");
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! Beam space: scanlines by samples, and the way to and from points of the probe's plane.
+
+use super::{InvalidProbe, Probe, ProbeShape};
+
+/// One scanline in the probe's x,y plane, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where it leaves the array.
+    pub origin: [f64; 2],
+    /// Which way it runs, unit length.
+    pub direction: [f64; 2],
+}
+
+/// An axis-aligned rectangle in the probe's plane, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest x and y.
+    pub min: [f64; 2],
+    /// Largest x and y.
+    pub max: [f64; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Layout {
+    Parallel {
+        width: f64,
+    },
+    /// Scanlines along the radii of a circle about `(0, -radius)`; `half` is half the field of view in radians.
+    Fan {
+        radius: f64,
+        half: f64,
+    },
+}
+
+/// Slack at the edges of the sector, as a share of its extent: points that round across an edge still belong to it.
+const EDGE: f64 = 1e-12;
+
+/// The scanlines of a probe and the samples along them.
+///
+/// Coordinates in beam space are continuous: line `i` and sample `j` have whole numbers, so line coordinates run over
+/// `0..=lines - 1` and sample coordinates over `-0.5..=samples - 0.5`. A probe of one scanline has line coordinate 0 all over
+/// its sector.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeamGrid {
+    layout: Layout,
+    depth: f64,
+    samples: usize,
+    rays: Vec<Ray>,
+}
+
+impl BeamGrid {
+    /// Lays out the scanlines of a valid probe: edge to edge inclusive, unmarked side first.
+    pub fn new(probe: &Probe) -> Result<Self, InvalidProbe> {
+        probe.validate()?;
+        let fan = |radius: f64, angle_deg: f64| Layout::Fan {
+            radius,
+            half: angle_deg.to_radians() / 2.0,
+        };
+        let layout = match probe.shape {
+            ProbeShape::Linear { width_mm: width } | ProbeShape::TrusSagittal { length_mm: width } => {
+                Layout::Parallel { width }
+            }
+            ProbeShape::Curvilinear { radius_mm, angle_deg } | ProbeShape::TrusTransverse { radius_mm, angle_deg } => {
+                fan(radius_mm, angle_deg)
+            }
+            ProbeShape::Phased { angle_deg } => fan(0.0, angle_deg),
+        };
+        let lines = probe.lines as usize;
+        let mut grid = Self {
+            layout,
+            depth: probe.depth_mm,
+            samples: probe.samples as usize,
+            rays: Vec::with_capacity(lines),
+        };
+        for line in 0..lines {
+            let across = if lines > 1 {
+                2.0 * line as f64 / (lines - 1) as f64 - 1.0
+            } else {
+                0.0
+            };
+            grid.rays.push(grid.ray_across(across));
+        }
+        Ok(grid)
+    }
+
+    /// The scanline at a share of the field of view: -1 is the unmarked edge, 0 the middle, 1 the marked edge.
+    fn ray_across(&self, across: f64) -> Ray {
+        match self.layout {
+            Layout::Parallel { width } => Ray {
+                origin: [across * width / 2.0, 0.0],
+                direction: [0.0, 1.0],
+            },
+            Layout::Fan { radius, half } => {
+                let (sin, cos) = (across * half).sin_cos();
+                Ray {
+                    origin: [radius * sin, radius * (cos - 1.0)],
+                    direction: [sin, cos],
+                }
+            }
+        }
+    }
+
+    /// The scanlines, unmarked side first.
+    pub fn rays(&self) -> &[Ray] {
+        &self.rays
+    }
+
+    /// Number of scanlines.
+    pub fn lines(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// Samples along each scanline.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Length of a scanline, mm.
+    pub fn depth_mm(&self) -> f64 {
+        self.depth
+    }
+
+    /// Distance between neighbouring samples, mm.
+    pub fn sample_spacing_mm(&self) -> f64 {
+        self.depth / self.samples as f64
+    }
+
+    /// How far along its scanline a sample lies, mm.
+    pub fn sample_depth_mm(&self, sample: usize) -> f64 {
+        (sample as f64 + 0.5) * self.sample_spacing_mm()
+    }
+
+    /// Distance of the point where the scanlines meet behind the array, mm: the radius of curvature, 0 for a phased array,
+    /// `None` for parallel scanlines.
+    pub fn virtual_apex_mm(&self) -> Option<f64> {
+        match self.layout {
+            Layout::Parallel { .. } => None,
+            Layout::Fan { radius, .. } => Some(radius),
+        }
+    }
+
+    /// Angle between neighbouring scanlines, radians (the whole field of view for a single one); 0 for parallel scanlines.
+    pub fn angular_spacing(&self) -> f64 {
+        match self.layout {
+            Layout::Parallel { .. } => 0.0,
+            Layout::Fan { half, .. } => 2.0 * half / self.gaps(),
+        }
+    }
+
+    /// Distance between neighbouring scanlines at a depth, mm, along the arc for a fan; the whole width for a single one.
+    pub fn lateral_spacing_mm(&self, depth_mm: f64) -> f64 {
+        match self.layout {
+            Layout::Parallel { width } => width / self.gaps(),
+            Layout::Fan { radius, half } => (radius + depth_mm) * 2.0 * half / self.gaps(),
+        }
+    }
+
+    fn gaps(&self) -> f64 {
+        self.rays.len().saturating_sub(1).max(1) as f64
+    }
+
+    /// The point of the probe's plane at a line and sample coordinate, mm. Defined beyond the sector too.
+    pub fn to_plane(&self, line: f64, sample: f64) -> [f64; 2] {
+        let across = if self.rays.len() > 1 {
+            2.0 * line / self.gaps() - 1.0
+        } else {
+            0.0
+        };
+        let ray = self.ray_across(across);
+        let along = (sample + 0.5) * self.sample_spacing_mm();
+        [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis])
+    }
+
+    /// The line and sample coordinate of a point of the probe's plane (mm); `None` outside the sector or beyond its depth.
+    pub fn to_beam(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let (across, along) = match self.layout {
+            Layout::Parallel { width } => (2.0 * x / width, y),
+            Layout::Fan { radius, half } => (x.atan2(y + radius) / half, x.hypot(y + radius) - radius),
+        };
+        let share = along / self.depth;
+        if !(across.abs() <= 1.0 + EDGE && (-EDGE..=1.0 + EDGE).contains(&share)) {
+            return None;
+        }
+        let line = if self.rays.len() > 1 {
+            (across.clamp(-1.0, 1.0) + 1.0) / 2.0 * self.gaps()
+        } else {
+            0.0
+        };
+        Some((line, share.clamp(0.0, 1.0) * self.samples as f64 - 0.5))
+    }
+
+    /// The smallest rectangle around the sector.
+    pub fn bounds_mm(&self) -> Bounds {
+        match self.layout {
+            Layout::Parallel { width } => Bounds {
+                min: [-width / 2.0, 0.0],
+                max: [width / 2.0, self.depth],
+            },
+            Layout::Fan { radius, half } => {
+                let far = radius + self.depth;
+                let widest = if half < std::f64::consts::FRAC_PI_2 {
+                    far * half.sin()
+                } else {
+                    far
+                };
+                let lowest = if half.cos() < 0.0 { far } else { radius } * half.cos() - radius;
+                Bounds {
+                    min: [-widest, lowest],
+                    max: [widest, self.depth],
+                }
+            }
+        }
+    }
+
+    /// Area of the sector, square millimetres, in closed form.
+    pub fn sector_area_mm2(&self) -> f64 {
+        match self.layout {
+            Layout::Parallel { width } => width * self.depth,
+            Layout::Fan { radius, half } => half * self.depth * (self.depth + 2.0 * radius),
+        }
+    }
+
+    /// The outline of the sector as a closed polygon in the probe's plane, mm, without repeating its first point: along the
+    /// array from the unmarked side, then back along the far edge, each arc in `steps` pieces (at least 1).
+    pub fn outline_mm(&self, steps: usize) -> Vec<[f64; 2]> {
+        let steps = steps.max(1);
+        let edge = |step: usize, along: f64| {
+            let ray = self.ray_across(2.0 * step as f64 / steps as f64 - 1.0);
+            [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis])
+        };
+        let near = (0..=steps).map(|step| edge(step, 0.0));
+        let far = (0..=steps).rev().map(|step| edge(step, self.depth));
+        near.chain(far).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::tests::one_of_each;
+    use super::*;
+
+    #[test]
+    fn the_middle_of_the_array_is_the_origin_and_rays_run_outwards() {
+        for probe in one_of_each() {
+            let grid = BeamGrid::new(&probe).expect("grid");
+            let middle = grid.rays()[probe.lines as usize / 2];
+            assert!(middle.origin.iter().all(|x| x.abs() < 1e-12), "{:?}", probe.shape);
+            assert!((middle.direction[1] - 1.0).abs() < 1e-12 && middle.direction[0].abs() < 1e-12);
+            for ray in grid.rays() {
+                assert!((ray.direction[0].hypot(ray.direction[1]) - 1.0).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn corners_of_a_curvilinear_sector_are_where_trigonometry_puts_them() {
+        let probe = one_of_each()[1];
+        let grid = BeamGrid::new(&probe).expect("grid");
+        let half = 35f64.to_radians();
+        let first = grid.rays()[0];
+        assert!((first.origin[0] + 50.0 * half.sin()).abs() < 1e-12);
+        assert!((first.origin[1] - (50.0 * half.cos() - 50.0)).abs() < 1e-12);
+        let last = grid.to_plane(32.0, 39.5);
+        assert!((last[0] - 130.0 * half.sin()).abs() < 1e-11 && (last[1] - (130.0 * half.cos() - 50.0)).abs() < 1e-11);
+        assert!((grid.sample_depth_mm(0) - 1.0).abs() < 1e-12 && (grid.sample_depth_mm(39) - 79.0).abs() < 1e-12);
+        assert_eq!(grid.virtual_apex_mm(), Some(50.0));
+        let neighbours = [15.0, 16.0].map(|line| grid.to_plane(line, 19.5));
+        let chord = (neighbours[0][0] - neighbours[1][0]).hypot(neighbours[0][1] - neighbours[1][1]);
+        let arc = grid.lateral_spacing_mm(40.0);
+        assert!(chord < arc && arc - chord < 1e-3 * arc, "{chord} {arc}");
+    }
+
+    #[test]
+    fn bounds_touch_the_outline_on_every_side() {
+        for probe in one_of_each() {
+            let grid = BeamGrid::new(&probe).expect("grid");
+            let bounds = grid.bounds_mm();
+            let outline = grid.outline_mm(3600);
+            for axis in 0..2 {
+                let low = outline.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
+                let high = outline.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
+                assert!((low - bounds.min[axis]).abs() < 1e-4, "{:?} {axis} {low}", probe.shape);
+                assert!(
+                    (high - bounds.max[axis]).abs() < 1e-4,
+                    "{:?} {axis} {high}",
+                    probe.shape
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_outline_encloses_the_stated_area() {
+        for probe in one_of_each() {
+            let grid = BeamGrid::new(&probe).expect("grid");
+            let outline = grid.outline_mm(2000);
+            let doubled: f64 = (0..outline.len())
+                .map(|i| {
+                    let (a, b) = (outline[i], outline[(i + 1) % outline.len()]);
+                    a[0] * b[1] - b[0] * a[1]
+                })
+                .sum();
+            let area = grid.sector_area_mm2();
+            assert!((doubled.abs() / 2.0 - area).abs() < 1e-5 * area, "{:?}", probe.shape);
+        }
+    }
+
+    #[test]
+    fn a_single_line_owns_its_whole_sector() {
+        for probe in one_of_each() {
+            let grid = BeamGrid::new(&Probe {
+                lines: 1,
+                samples: 1,
+                ..probe
+            })
+            .expect("grid");
+            assert_eq!(
+                grid.rays(),
+                &[Ray {
+                    origin: [0.0, 0.0],
+                    direction: [0.0, 1.0]
+                }]
+            );
+            assert_eq!(grid.to_beam(0.5, 20.0).map(|beam| beam.0), Some(0.0));
+            assert_eq!(grid.to_beam(0.0, 40.0), Some((0.0, 0.0)));
+            assert_eq!(grid.to_beam(0.0, 80.1), None);
+        }
+    }
+
+    #[test]
+    fn points_that_are_no_numbers_are_outside() {
+        for probe in one_of_each() {
+            let grid = BeamGrid::new(&probe).expect("grid");
+            assert_eq!(grid.to_beam(f64::NAN, 1.0), None);
+            assert_eq!(grid.to_beam(0.0, f64::NAN), None);
+            assert_eq!(grid.to_beam(f64::INFINITY, f64::INFINITY), None);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn beam_to_plane_to_beam_returns(kind in 0usize..5, across in 0.0..1.0f64, along in 0.0..1.0f64) {
+            let grid = BeamGrid::new(&one_of_each()[kind]).expect("grid");
+            let (line, sample) = (across * 32.0, along * 40.0 - 0.5);
+            // At the apex of a phased array every line is the same point.
+            prop_assume!(kind != 2 || along > 1e-3);
+            let [x, y] = grid.to_plane(line, sample);
+            let (line_back, sample_back) = grid.to_beam(x, y).expect("inside");
+            prop_assert!((line_back - line).abs() < 1e-9 && (sample_back - sample).abs() < 1e-9);
+        }
+
+        #[test]
+        fn points_beyond_the_depth_or_the_edges_are_outside(kind in 0usize..5, across in 0.0..1.0f64, beyond in 1e-6..5.0f64) {
+            let grid = BeamGrid::new(&one_of_each()[kind]).expect("grid");
+            let [x, y] = grid.to_plane(across * 32.0, 39.5 + beyond);
+            prop_assert!(grid.to_beam(x, y).is_none());
+            let [x, y] = grid.to_plane(32.0 + beyond, 20.0);
+            prop_assert!(grid.to_beam(x, y).is_none());
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! The pixels of a frame and which point of beam space each of them shows.
+
+use std::ops::Range;
+
+use nalgebra::Matrix4;
+use rayon::prelude::*;
+
+use super::{BeamGrid, Bounds};
+
+/// What [`scan_map`] holds for a pixel outside the sector. Inside it the line coordinate is never negative.
+pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
+
+/// Largest width and height of a frame, pixels.
+const MAX_SIDE: usize = 16384;
+
+/// Where the pixels of a frame lie in the probe's plane: square pixels, columns towards the marked side (x), rows away from
+/// the transducer (y), which is PLUS's orientation MF. Whole coordinates are pixel centres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageGrid {
+    width: usize,
+    height: usize,
+    pixel_mm: f64,
+    origin_mm: [f64; 2],
+}
+
+/// Why an image grid cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidGrid {
+    /// The frame has no pixels or too many.
+    #[error("image size {width}x{height}; expected 1 to 16384 pixels a side")]
+    Size {
+        /// Width asked for, pixels.
+        width: usize,
+        /// Height asked for, pixels.
+        height: usize,
+    },
+    /// The margin leaves no room for the sector.
+    #[error("margin {0}; expected 0 to 0.45 of the image on each side")]
+    Margin(f64),
+    /// The pixels have no size, or their place is not finite.
+    #[error("pixel size {pixel_mm} mm at origin {origin_mm:?} mm; expected a positive size and finite numbers")]
+    Place {
+        /// Side of a pixel, mm.
+        pixel_mm: f64,
+        /// Centre of pixel (0, 0), mm.
+        origin_mm: [f64; 2],
+    },
+}
+
+impl ImageGrid {
+    /// A grid of `width` by `height` pixels of side `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the probe's
+    /// plane.
+    pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, InvalidGrid> {
+        if !((1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height)) {
+            return Err(InvalidGrid::Size { width, height });
+        }
+        if !(pixel_mm.is_finite() && pixel_mm > 0.0 && origin_mm.iter().all(|x| x.is_finite())) {
+            return Err(InvalidGrid::Place { pixel_mm, origin_mm });
+        }
+        Ok(Self {
+            width,
+            height,
+            pixel_mm,
+            origin_mm,
+        })
+    }
+
+    /// The largest view of a whole sector: centred across, its near edge at the top as scanners show it, with a `margin`
+    /// (share of the width and of the height, 0 to 0.45) free on each side.
+    pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, InvalidGrid> {
+        if !(0.0..=0.45).contains(&margin) {
+            return Err(InvalidGrid::Margin(margin));
+        }
+        let Bounds { min, max } = beam.bounds_mm();
+        let room = [width, height].map(|pixels| pixels as f64 * (1.0 - 2.0 * margin));
+        let pixel = ((max[0] - min[0]) / room[0]).max((max[1] - min[1]) / room[1]);
+        let left = (min[0] + max[0]) / 2.0 - width as f64 * pixel / 2.0;
+        let top = min[1] - height as f64 * margin * pixel;
+        Self::new(width, height, pixel, [left + pixel / 2.0, top + pixel / 2.0])
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Side of a pixel, mm.
+    pub fn pixel_mm(&self) -> f64 {
+        self.pixel_mm
+    }
+
+    /// Centre of pixel (0, 0) in the probe's plane, mm.
+    pub fn origin_mm(&self) -> [f64; 2] {
+        self.origin_mm
+    }
+
+    /// A point of the probe's plane (mm) from a column and row.
+    pub fn to_plane(&self, column: f64, row: f64) -> [f64; 2] {
+        [
+            self.origin_mm[0] + column * self.pixel_mm,
+            self.origin_mm[1] + row * self.pixel_mm,
+        ]
+    }
+
+    /// The column and row of a point of the probe's plane (mm). Defined beyond the image too.
+    pub fn to_pixel(&self, x: f64, y: f64) -> [f64; 2] {
+        [
+            (x - self.origin_mm[0]) / self.pixel_mm,
+            (y - self.origin_mm[1]) / self.pixel_mm,
+        ]
+    }
+
+    /// Image frame (pixels) to probe frame (mm), as PLUS writes `ImageToProbe`: spacing included, the third axis scaled like
+    /// the others so that the matrix has an inverse.
+    pub fn image_to_probe(&self) -> Matrix4<f64> {
+        let mut matrix = Matrix4::from_diagonal_element(self.pixel_mm);
+        matrix[(3, 3)] = 1.0;
+        matrix[(0, 3)] = self.origin_mm[0];
+        matrix[(1, 3)] = self.origin_mm[1];
+        matrix
+    }
+}
+
+/// The (line, sample) coordinates that each pixel of some rows shows, row by row; [`OUTSIDE`] where a pixel's centre lies
+/// outside the sector. Rows beyond the image are left out. Computed in double precision.
+///
+/// A whole 8192 x 8192 image takes 512 MiB: go through it in bands of rows.
+pub fn scan_map(beam: &BeamGrid, image: &ImageGrid, rows: Range<usize>) -> Vec<[f32; 2]> {
+    let first = rows.start.min(image.height);
+    let rows = rows.end.clamp(first, image.height) - first;
+    let mut map = vec![OUTSIDE; rows * image.width];
+    map.par_chunks_mut(image.width).enumerate().for_each(|(row, pixels)| {
+        for (column, pixel) in pixels.iter_mut().enumerate() {
+            let [x, y] = image.to_plane(column as f64, (first + row) as f64);
+            if let Some((line, sample)) = beam.to_beam(x, y) {
+                *pixel = [line as f32, sample as f32];
+            }
+        }
+    });
+    map
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::tests::one_of_each;
+    use super::*;
+
+    fn counted_area(beam: &BeamGrid, side: usize) -> f64 {
+        let image = ImageGrid::fit(beam, side, side, 0.03).expect("image");
+        let inside = scan_map(beam, &image, 0..side)
+            .iter()
+            .filter(|p| **p != OUTSIDE)
+            .count();
+        inside as f64 * image.pixel_mm().powi(2)
+    }
+
+    #[test]
+    fn counted_pixels_converge_to_the_area_of_the_sector() {
+        for probe in one_of_each() {
+            let beam = BeamGrid::new(&probe).expect("beam");
+            let area = beam.sector_area_mm2();
+            let errors = [64, 1024].map(|side| (counted_area(&beam, side) / area - 1.0).abs());
+            assert!(errors[0] < 0.04 && errors[1] < 0.0025, "{:?} {errors:?}", probe.shape);
+        }
+    }
+
+    #[test]
+    fn the_sector_fits_with_its_margin_and_touches_it() {
+        for probe in one_of_each() {
+            let beam = BeamGrid::new(&probe).expect("beam");
+            for (width, height) in [(640, 480), (100, 900), (1, 1)] {
+                let image = ImageGrid::fit(&beam, width, height, 0.1).expect("image");
+                let bounds = beam.bounds_mm();
+                let [left, top] = image.to_pixel(bounds.min[0], bounds.min[1]).map(|x| x + 0.5);
+                let [right, bottom] = image.to_pixel(bounds.max[0], bounds.max[1]).map(|x| x + 0.5);
+                let (w, h) = (width as f64, height as f64);
+                assert!((top - 0.1 * h).abs() < 1e-9);
+                assert!(left >= 0.1 * w - 1e-9 && right <= 0.9 * w + 1e-9 && bottom <= 0.9 * h + 1e-9);
+                assert!((left + right - w).abs() < 1e-9);
+                assert!((left - 0.1 * w).abs() < 1e-9 || (bottom - 0.9 * h).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_pixel_is_the_unmarked_near_corner() {
+        let beam = BeamGrid::new(&one_of_each()[0]).expect("beam");
+        let image = ImageGrid::fit(&beam, 400, 800, 0.0).expect("image");
+        assert!((image.pixel_mm() - 0.1).abs() < 1e-12);
+        let map = scan_map(&beam, &image, 0..800);
+        let (first, last) = (map[0], map[map.len() - 1]);
+        assert!(first[0] < 0.1 && first[1] < 0.0, "{first:?}");
+        assert!(last[0] > 31.9 && last[1] > 39.0, "{last:?}");
+        let corner = image.image_to_probe() * nalgebra::Vector4::new(0.0, 0.0, 0.0, 1.0);
+        assert!((corner.x + 19.95).abs() < 1e-12 && (corner.y - 0.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn bands_join_to_the_whole_map() {
+        let beam = BeamGrid::new(&one_of_each()[3]).expect("beam");
+        let image = ImageGrid::fit(&beam, 57, 43, 0.0).expect("image");
+        let mut joined = scan_map(&beam, &image, 0..10);
+        joined.extend(scan_map(&beam, &image, 10..43));
+        assert_eq!(joined, scan_map(&beam, &image, 0..usize::MAX));
+        assert!(scan_map(&beam, &image, 50..60).is_empty());
+    }
+
+    #[test]
+    fn one_pixel_and_very_many_pixels_work() {
+        for probe in one_of_each() {
+            let beam = BeamGrid::new(&probe).expect("beam");
+            let one = ImageGrid::fit(&beam, 1, 1, 0.0).expect("image");
+            let map = scan_map(&beam, &one, 0..1);
+            assert_ne!(map[0], OUTSIDE, "{:?}", probe.shape);
+            let many = ImageGrid::fit(&beam, 8192, 8192, 0.0).expect("image");
+            let map = scan_map(&beam, &many, 8000..8002);
+            assert_eq!(map.len(), 2 * 8192);
+            assert!(map.iter().flatten().all(|x| x.is_finite()));
+        }
+    }
+
+    #[test]
+    fn sizes_and_margins_out_of_range_are_refused() {
+        let beam = BeamGrid::new(&one_of_each()[0]).expect("beam");
+        assert!(matches!(
+            ImageGrid::fit(&beam, 0, 5, 0.0),
+            Err(InvalidGrid::Size { .. })
+        ));
+        assert!(matches!(
+            ImageGrid::fit(&beam, 5, usize::MAX, 0.0),
+            Err(InvalidGrid::Size { .. })
+        ));
+        assert!(matches!(ImageGrid::fit(&beam, 5, 5, 0.5), Err(InvalidGrid::Margin(_))));
+        assert!(matches!(
+            ImageGrid::fit(&beam, 5, 5, f64::NAN),
+            Err(InvalidGrid::Margin(_))
+        ));
+        assert!(matches!(
+            ImageGrid::new(5, 5, 0.0, [0.0; 2]),
+            Err(InvalidGrid::Place { .. })
+        ));
+    }
+
+    proptest! {
+        #[test]
+        fn pixel_to_beam_to_pixel_returns(kind in 0usize..5, column in 0usize..320, row in 0usize..240) {
+            let beam = BeamGrid::new(&one_of_each()[kind]).expect("beam");
+            let image = ImageGrid::fit(&beam, 320, 240, 0.02).expect("image");
+            let [x, y] = image.to_plane(column as f64, row as f64);
+            if let Some((line, sample)) = beam.to_beam(x, y) {
+                let [x, y] = beam.to_plane(line, sample);
+                let [column_back, row_back] = image.to_pixel(x, y);
+                prop_assert!((column_back - column as f64).abs() < 1e-9 && (row_back - row as f64).abs() < 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! The probe table of a scene file: flat, so that an unknown key is an error on its own line.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{InvalidProbe, Probe, ProbeShape};
+
+/// Scanlines where a file names none.
+pub(super) const DEFAULT_LINES: u32 = 256;
+/// Samples along a scanline where a file names none.
+pub(super) const DEFAULT_SAMPLES: u32 = 512;
+
+/// The kinds of probe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProbeKind {
+    /// Straight array, parallel scanlines; takes `width_mm`.
+    Linear,
+    /// Convex array; takes `radius_mm` and `angle_deg`.
+    Curvilinear,
+    /// Fan from one point; takes `angle_deg`.
+    Phased,
+    /// Transrectal ring around the probe's axis; takes `radius_mm` and `angle_deg`.
+    TrusTransverse,
+    /// Transrectal straight array along the probe's side; takes `length_mm`.
+    TrusSagittal,
+}
+
+impl ProbeKind {
+    /// A centre frequency common for the kind, MHz: deep abdominal and cardiac probes low, surface and transrectal ones high.
+    pub fn usual_frequency_mhz(self) -> f64 {
+        match self {
+            Self::Linear => 9.0,
+            Self::Curvilinear => 3.5,
+            Self::Phased => 2.5,
+            Self::TrusTransverse | Self::TrusSagittal => 7.0,
+        }
+    }
+}
+
+impl fmt::Display for ProbeKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Linear => "linear",
+            Self::Curvilinear => "curvilinear",
+            Self::Phased => "phased",
+            Self::TrusTransverse => "trus-transverse",
+            Self::TrusSagittal => "trus-sagittal",
+        })
+    }
+}
+
+/// A probe as written in a file; `Probe::try_from` validates it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProbeSpec {
+    /// The shape of the field of view.
+    pub kind: ProbeKind,
+    /// Linear only: length of the array, mm (1 to 300).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width_mm: Option<f64>,
+    /// Curvilinear (2 to 200) and trus-transverse (2 to 50): radius of the array, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+    /// Curvilinear (1 to 180), phased (1 to 120) and trus-transverse (1 to 270): field of view, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<f64>,
+    /// Trus-sagittal only: length of the array, mm (1 to 300).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    /// Length of every scanline, mm (0.1 to 1000).
+    pub depth_mm: f64,
+    /// Centre frequency, MHz (0.1 to 100). Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_mhz: Option<f64>,
+    /// Scanlines (1 to 8192). Default 256.
+    #[serde(default = "default_lines")]
+    pub lines: u32,
+    /// Samples along each scanline (1 to 16384). Default 512.
+    #[serde(default = "default_samples")]
+    pub samples: u32,
+}
+
+fn default_lines() -> u32 {
+    DEFAULT_LINES
+}
+
+fn default_samples() -> u32 {
+    DEFAULT_SAMPLES
+}
+
+impl ProbeSpec {
+    fn shape(&self) -> Result<ProbeShape, InvalidProbe> {
+        let kind = self.kind;
+        let needed = |key, value: Option<f64>| value.ok_or(InvalidProbe::Missing { key, kind });
+        let shape = match kind {
+            ProbeKind::Linear => ProbeShape::Linear {
+                width_mm: needed("width_mm", self.width_mm)?,
+            },
+            ProbeKind::Curvilinear => ProbeShape::Curvilinear {
+                radius_mm: needed("radius_mm", self.radius_mm)?,
+                angle_deg: needed("angle_deg", self.angle_deg)?,
+            },
+            ProbeKind::Phased => ProbeShape::Phased {
+                angle_deg: needed("angle_deg", self.angle_deg)?,
+            },
+            ProbeKind::TrusTransverse => ProbeShape::TrusTransverse {
+                radius_mm: needed("radius_mm", self.radius_mm)?,
+                angle_deg: needed("angle_deg", self.angle_deg)?,
+            },
+            ProbeKind::TrusSagittal => ProbeShape::TrusSagittal {
+                length_mm: needed("length_mm", self.length_mm)?,
+            },
+        };
+        let used = Self::of_shape(&shape);
+        let given = [
+            ("width_mm", self.width_mm, used.width_mm),
+            ("radius_mm", self.radius_mm, used.radius_mm),
+            ("angle_deg", self.angle_deg, used.angle_deg),
+            ("length_mm", self.length_mm, used.length_mm),
+        ];
+        match given.iter().find(|(_, given, used)| given.is_some() && used.is_none()) {
+            Some(&(key, ..)) => Err(InvalidProbe::Superfluous { key, kind }),
+            None => Ok(shape),
+        }
+    }
+
+    fn of_shape(shape: &ProbeShape) -> Self {
+        let mut spec = Self {
+            kind: shape.kind(),
+            width_mm: None,
+            radius_mm: None,
+            angle_deg: None,
+            length_mm: None,
+            depth_mm: 0.0,
+            frequency_mhz: None,
+            lines: DEFAULT_LINES,
+            samples: DEFAULT_SAMPLES,
+        };
+        match *shape {
+            ProbeShape::Linear { width_mm } => spec.width_mm = Some(width_mm),
+            ProbeShape::Curvilinear { radius_mm, angle_deg } | ProbeShape::TrusTransverse { radius_mm, angle_deg } => {
+                spec.radius_mm = Some(radius_mm);
+                spec.angle_deg = Some(angle_deg);
+            }
+            ProbeShape::Phased { angle_deg } => spec.angle_deg = Some(angle_deg),
+            ProbeShape::TrusSagittal { length_mm } => spec.length_mm = Some(length_mm),
+        }
+        spec
+    }
+}
+
+impl TryFrom<ProbeSpec> for Probe {
+    type Error = InvalidProbe;
+
+    fn try_from(spec: ProbeSpec) -> Result<Self, InvalidProbe> {
+        let probe = Self {
+            shape: spec.shape()?,
+            depth_mm: spec.depth_mm,
+            frequency_mhz: spec.frequency_mhz.unwrap_or(spec.kind.usual_frequency_mhz()),
+            lines: spec.lines,
+            samples: spec.samples,
+        };
+        probe.validate()?;
+        Ok(probe)
+    }
+}
+
+impl From<Probe> for ProbeSpec {
+    fn from(probe: Probe) -> Self {
+        Self {
+            depth_mm: probe.depth_mm,
+            frequency_mhz: Some(probe.frequency_mhz),
+            lines: probe.lines,
+            samples: probe.samples,
+            ..Self::of_shape(&probe.shape)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::one_of_each;
+    use super::*;
+
+    #[test]
+    fn every_kind_survives_toml_and_json() {
+        for probe in one_of_each() {
+            let text = toml::to_string(&probe).expect("toml");
+            assert_eq!(toml::from_str::<Probe>(&text).expect("toml"), probe, "{text}");
+            let text = serde_json::to_string(&probe).expect("json");
+            assert_eq!(serde_json::from_str::<Probe>(&text).expect("json"), probe, "{text}");
+            assert!(text.contains(&format!("\"{}\"", probe.shape.kind())), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_short_table_takes_the_defaults_of_its_kind() {
+        let probe: Probe = toml::from_str("kind = \"phased\"\nangle_deg = 80\ndepth_mm = 160").expect("probe");
+        assert_eq!(
+            (probe.lines, probe.samples, probe.frequency_mhz),
+            (DEFAULT_LINES, DEFAULT_SAMPLES, 2.5)
+        );
+    }
+
+    #[test]
+    fn unknown_missing_and_superfluous_keys_are_named() {
+        let cases = [
+            ("kind = \"phased\"\nangle_deg = 80\ndepth_mm = 160\ndepht = 3", "depht"),
+            (
+                "kind = \"curvilinear\"\nangle_deg = 80\ndepth_mm = 160",
+                "`radius_mm` is missing",
+            ),
+            (
+                "kind = \"phased\"\nangle_deg = 80\ndepth_mm = 160\nwidth_mm = 3",
+                "`width_mm` has no meaning for a phased probe",
+            ),
+            (
+                "kind = \"phased\"\nangle_deg = 0\ndepth_mm = 160",
+                "`angle_deg` is 0; expected 1 to 120",
+            ),
+            ("kind = \"sector\"\nangle_deg = 9\ndepth_mm = 160", "sector"),
+        ];
+        for (text, message) in cases {
+            let error = toml::from_str::<Probe>(text).expect_err(text).to_string();
+            assert!(error.contains(message), "{error}");
+        }
+    }
+}
