@@ -45,7 +45,7 @@ impl Blur {
         let sigma_lines = |sample: usize| {
             let depth = grid.sample_depth_mm(sample);
             let width_mm = self.width_mm + self.growth_mm_cm * depth / 10.0;
-            width_mm / FWHM_PER_SIGMA / grid.line_spacing_mm(depth).max(1e-6)
+            width_mm / FWHM_PER_SIGMA / grid.lateral_spacing_mm(depth).max(1e-6)
         };
         LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
     }

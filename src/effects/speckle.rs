@@ -117,19 +117,19 @@ impl SpeckleTables {
         let reach = ((1.5 * elevational).round() as usize).min((MAX_PLANES - 1) / 2);
         let planes = unit_power(gaussian(elevational, reach), |steps| correlation(steps * plane_mm));
 
-        let sample_mm = grid.sample_mm();
+        let sample_mm = grid.sample_spacing_mm();
         let axial_sigma = left(speckle.axial_mm) / sample_mm;
         let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
         let axial = unit_power(gaussian(axial_sigma, axial_reach), |steps| correlation(steps * sample_mm));
 
-        let widest = grid.line_spacing_mm(grid.depth_mm()).max(grid.line_spacing_mm(0.0));
+        let widest = grid.lateral_spacing_mm(grid.depth_mm()).max(grid.lateral_spacing_mm(0.0));
         let oversampling = if grid.lines() == 1 {
             1
         } else {
             ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
         };
         let fine_mm = |sample: usize| {
-            (grid.line_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6)
+            (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6)
         };
         let sigma = |sample: usize| {
             let asked = left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm()));

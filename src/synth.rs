@@ -1,0 +1,287 @@
+//! The synthesizer: made once from a scene and a backend, it renders frame after frame.
+
+pub mod cpu;
+pub mod gpu;
+pub mod layers;
+pub mod store;
+pub mod tables;
+
+use nalgebra::{Matrix4, Point3};
+
+use crate::effects::OutOfRange;
+use crate::gpu::GpuError;
+use crate::plan::Plan;
+use crate::tracking::probe::{InvalidGrid, InvalidProbe};
+
+use tables::{Anatomy, Settings, Tables};
+
+/// Why a frame cannot be synthesised.
+#[derive(Debug, thiserror::Error)]
+pub enum SynthError {
+    /// A parameter of an effect lies outside its range.
+    #[error(transparent)]
+    Effect(#[from] OutOfRange),
+    /// The probe cannot be used.
+    #[error(transparent)]
+    Probe(#[from] InvalidProbe),
+    /// The image cannot be laid out.
+    #[error(transparent)]
+    Image(#[from] InvalidGrid),
+    /// The GPU could not do it.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// Node positions that do not match the mesh.
+    #[error("{found} current node positions for a mesh of {expected} nodes")]
+    Nodes {
+        /// Positions given.
+        found: usize,
+        /// Nodes of the mesh.
+        expected: usize,
+    },
+    /// A pose with numbers that are not finite, or that is singular.
+    #[error("the probe pose is not a finite, invertible transform")]
+    Pose,
+}
+
+/// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedleShaft {
+    /// Nodes of the shaft, mm; two for a straight one.
+    pub nodes: Vec<Point3<f64>>,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+}
+
+/// What changes from frame to frame.
+#[derive(Clone, Debug)]
+pub struct FrameState {
+    /// Number of the frame; it seeds the additive noise.
+    pub frame: u64,
+    /// Probe frame to world, mm.
+    pub probe_to_world: Matrix4<f64>,
+    /// The needle, if there is one in this frame.
+    pub needle: Option<NeedleShaft>,
+    /// Current positions of the mesh nodes, mm; none leaves them where the last frame had them (at first: the reference).
+    pub nodes: Option<Vec<[f64; 3]>>,
+}
+
+impl FrameState {
+    /// A frame with nothing but a probe pose.
+    pub fn at(probe_to_world: Matrix4<f64>) -> Self {
+        Self { frame: 0, probe_to_world, needle: None, nodes: None }
+    }
+}
+
+/// A rendered frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, row by row from the top.
+    pub pixels: Vec<u8>,
+    /// Pixel (column, row, 0) to world, mm.
+    pub image_to_world: Matrix4<f64>,
+    /// Side of a pixel, mm.
+    pub pixel_mm: f64,
+}
+
+/// Which backend to render on.
+pub enum Backend {
+    /// The reference, single precision: the twin of the GPU.
+    Cpu,
+    /// The reference in double precision: the gold standard.
+    CpuF64,
+    /// A GPU.
+    Gpu(Box<crate::gpu::Gpu>),
+}
+
+enum Executor {
+    Cpu(cpu::CpuExecutor<f32>),
+    CpuF64(cpu::CpuExecutor<f64>),
+    Gpu(Box<gpu::GpuExecutor>),
+}
+
+/// Milliseconds that a pass took.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct PassTime {
+    /// The pass.
+    pub name: &'static str,
+    /// Milliseconds.
+    pub ms: f64,
+}
+
+/// Renders frames of one scene. See the crate's examples for its use in a loop.
+pub struct Synthesizer {
+    tables: Tables,
+    plan: Plan,
+    executor: Executor,
+    frame: Frame,
+}
+
+impl Synthesizer {
+    /// Prepares tables, plan, and the memory or GPU objects that the plan calls for, and nothing else.
+    pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
+        let tables = Tables::new(anatomy, settings)?;
+        let plan = Plan::new(&tables);
+        let executor = match backend {
+            Backend::Cpu => Executor::Cpu(cpu::CpuExecutor::new(&plan, &tables)),
+            Backend::CpuF64 => Executor::CpuF64(cpu::CpuExecutor::new(&plan, &tables)),
+            Backend::Gpu(gpu) => Executor::Gpu(Box::new(gpu::GpuExecutor::new(*gpu, &plan, &tables)?)),
+        };
+        let frame = Frame {
+            width: tables.width(),
+            height: tables.height(),
+            pixels: vec![0; tables.width() * tables.height()],
+            image_to_world: Matrix4::identity(),
+            pixel_mm: tables.image_grid.pixel_mm(),
+        };
+        Ok(Self { tables, plan, executor, frame })
+    }
+
+    /// Renders one frame. In the steady state it allocates nothing.
+    pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
+        self.begin(state)?;
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
+            Executor::CpuF64(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
+            Executor::Gpu(gpu) => gpu.render(&self.plan, &self.tables, state, Some(&mut self.frame.pixels))?,
+        }
+        Ok(&self.frame)
+    }
+
+    /// Renders one frame and leaves it on the GPU, in the texture that [`Synthesizer::texture`] gives. On a CPU backend it
+    /// is the same as [`Synthesizer::render`].
+    pub fn render_to_texture(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        if !matches!(self.executor, Executor::Gpu(_)) {
+            return self.render(state).map(drop);
+        }
+        self.begin(state)?;
+        if let Executor::Gpu(gpu) = &mut self.executor {
+            gpu.render(&self.plan, &self.tables, state, None)?;
+        }
+        Ok(())
+    }
+
+    /// The texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; none on a CPU backend.
+    pub fn texture(&self) -> Option<&wgpu::Texture> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.texture(),
+            _ => None,
+        }
+    }
+
+    fn begin(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
+            return Err(SynthError::Pose);
+        }
+        if let (Some(nodes), Some(mesh)) = (&state.nodes, &self.tables.anatomy.mesh)
+            && nodes.len() != mesh.nodes().len()
+        {
+            return Err(SynthError::Nodes { found: nodes.len(), expected: mesh.nodes().len() });
+        }
+        self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
+        Ok(())
+    }
+
+    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt. On an
+    /// error the synthesizer stays as it was.
+    pub fn set(&mut self, settings: Settings) -> Result<(), SynthError> {
+        let changed = self.tables.set(settings)?;
+        self.plan = Plan::new(&self.tables);
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables),
+            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables),
+            Executor::Gpu(gpu) => gpu.fit(&self.plan, &self.tables, &changed)?,
+        }
+        let (width, height) = (self.tables.width(), self.tables.height());
+        if (self.frame.width, self.frame.height) != (width, height) {
+            (self.frame.width, self.frame.height) = (width, height);
+            self.frame.pixels = vec![0; width * height];
+        }
+        self.frame.pixel_mm = self.tables.image_grid.pixel_mm();
+        Ok(())
+    }
+
+    /// The settings in force.
+    pub fn settings(&self) -> &Settings {
+        &self.tables.settings
+    }
+
+    /// The plan in force.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The derived tables.
+    pub fn tables(&self) -> &Tables {
+        &self.tables
+    }
+
+    /// The last frame.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// `cpu`, `cpu-f64` or `gpu`.
+    pub fn backend(&self) -> &'static str {
+        match &self.executor {
+            Executor::Cpu(_) => "cpu",
+            Executor::CpuF64(_) => "cpu-f64",
+            Executor::Gpu(_) => "gpu",
+        }
+    }
+
+    /// The GPU and its adapter, on that backend.
+    pub fn gpu(&self) -> Option<&crate::gpu::Gpu> {
+        match &self.executor {
+            Executor::Gpu(gpu) => Some(gpu.gpu()),
+            _ => None,
+        }
+    }
+
+    /// Measures passes from now on, or stops. Off at first.
+    pub fn time_passes(&mut self, on: bool) -> Result<(), SynthError> {
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.timed = on,
+            Executor::CpuF64(cpu) => cpu.timed = on,
+            Executor::Gpu(gpu) => gpu.time_passes(on, &self.plan)?,
+        }
+        Ok(())
+    }
+
+    /// What the passes of the last frame took; empty if not measured.
+    pub fn pass_times(&self) -> &[PassTime] {
+        match &self.executor {
+            Executor::Cpu(cpu) => &cpu.times,
+            Executor::CpuF64(cpu) => &cpu.times,
+            Executor::Gpu(gpu) => gpu.times(),
+        }
+    }
+
+    /// The beam-space results of the last frame, for ground-truth layers and for tests.
+    pub fn beam(&mut self) -> Result<layers::Beam, SynthError> {
+        match &mut self.executor {
+            Executor::Cpu(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
+            Executor::CpuF64(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
+            Executor::Gpu(gpu) => gpu.beam(&self.plan, &self.tables),
+        }
+    }
+
+    /// Bytes of working memory on the backend.
+    pub fn memory_bytes(&self) -> u64 {
+        match &self.executor {
+            Executor::Cpu(cpu) => cpu.store.bytes() as u64,
+            Executor::CpuF64(cpu) => cpu.store.bytes() as u64,
+            Executor::Gpu(gpu) => gpu.bytes(),
+        }
+    }
+}
+
+/// Runs a loop compiled for the widest vector registers of this machine. Results do not depend on which: Rust never fuses
+/// or reorders floating-point operations.
+#[inline(always)]
+pub(crate) fn vectorised<R>(work: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(work)
+}

@@ -1,0 +1,73 @@
+//! Runs a plan on the CPU: each pass in turn, each over all cores.
+
+use std::time::Instant;
+
+use super::store::Store;
+use super::tables::Tables;
+use super::{FrameState, PassTime, SynthError};
+use crate::effects::pass::{Pass, View};
+use crate::plan::Plan;
+use crate::real::Real;
+
+/// A scalar that passes are declared for.
+pub trait PassScalar: Real {
+    /// The reference of a pass in this scalar.
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>);
+}
+
+impl PassScalar for f32 {
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
+        pass.cpu
+    }
+}
+
+impl PassScalar for f64 {
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
+        pass.cpu_f64
+    }
+}
+
+/// The CPU backend.
+pub struct CpuExecutor<T: PassScalar> {
+    /// Its working memory.
+    pub store: Store<T>,
+    /// Whether passes are measured.
+    pub timed: bool,
+    /// What they took.
+    pub times: Vec<PassTime>,
+}
+
+impl<T: PassScalar> CpuExecutor<T> {
+    /// Memory for a plan.
+    pub fn new(plan: &Plan, tables: &Tables) -> Self {
+        let mut executor = Self { store: Store::default(), timed: false, times: Vec::new() };
+        executor.fit(plan, tables);
+        executor
+    }
+
+    /// Adapts the memory to a changed plan.
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
+        self.store.fit(plan, tables);
+        self.times.reserve_exact(plan.passes.len());
+    }
+
+    /// Runs the passes and copies the pixels out.
+    pub fn render(&mut self, plan: &Plan, tables: &Tables, state: &FrameState, pixels: &mut [u8]) -> Result<(), SynthError> {
+        if let (Some(nodes), Some((deformed, _))) = (&state.nodes, &mut self.store.locators) {
+            deformed
+                .update(nodes)
+                .map_err(|error| SynthError::Nodes { found: error.found, expected: error.expected })?;
+        }
+        let view = View { tables, state };
+        self.times.clear();
+        for planned in &plan.passes {
+            let start = Instant::now();
+            T::reference(planned.pass)(&view, &mut self.store);
+            if self.timed {
+                self.times.push(PassTime { name: planned.pass.name, ms: start.elapsed().as_secs_f64() * 1e3 });
+            }
+        }
+        pixels.copy_from_slice(&self.store.pixels);
+        Ok(())
+    }
+}

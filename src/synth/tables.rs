@@ -1,0 +1,316 @@
+//! What a scene fixes until it is edited: geometry, kernels, tissue rows. Computed once in double precision, read by both
+//! backends, and recomputed part by part when a setting changes.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::SynthError;
+use crate::effects::lateral::LateralKernel;
+use crate::effects::needle::MAX_SEGMENTS;
+use crate::effects::pass::Resource;
+use crate::effects::shadow::units;
+use crate::effects::speckle::SpeckleTables;
+use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
+use crate::effects::{Effects, texture};
+use crate::mechanics::mesh::{self, TetMesh};
+use crate::real::Numbers;
+use crate::tissue::TissueTable;
+use crate::tissue::bank::Atlas;
+use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
+use crate::volume::LabelVolume;
+use crate::volume::texture::SolidTexture;
+
+/// What is imaged: fixed for the life of a synthesizer.
+#[derive(Clone, Debug)]
+pub struct Anatomy {
+    /// The labelled volume, unlabelled tissue completed.
+    pub volume: Arc<LabelVolume>,
+    /// What its labels are made of.
+    pub tissues: Arc<TissueTable>,
+    /// Solid textures by name, besides those of the built-in bank, which they override.
+    pub textures: BTreeMap<String, Arc<SolidTexture>>,
+    /// The mesh whose deformation moves the tissue, if any does.
+    pub mesh: Option<Arc<TetMesh>>,
+}
+
+/// The pixels of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageSize {
+    /// Columns (1 to 16384).
+    pub width: usize,
+    /// Rows (1 to 16384).
+    pub height: usize,
+    /// Share of the image that stays free around the sector (0 to 0.45).
+    pub margin: f64,
+    /// Grey level outside the sector.
+    pub fill: u8,
+}
+
+/// What can be changed between frames without making a synthesizer anew.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The transducer.
+    pub probe: Probe,
+    /// The frame.
+    pub image: ImageSize,
+    /// The effects and their parameters.
+    pub effects: Effects,
+    /// Whether frames may hold a needle.
+    pub has_needle: bool,
+}
+
+/// What imaging needs to know of one label.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct LabelRow {
+    /// Mean echo amplitude.
+    pub echo: f32,
+    /// Acoustic impedance, MRayl.
+    pub impedance: f32,
+    /// Two-way loss over one sample, in units of [`crate::effects::shadow::UNITS_PER_DB`].
+    pub loss: u32,
+    /// One more than the index of its texture in the atlas; 0 for none.
+    pub texture: u32,
+}
+
+/// Everything derived from an [`Anatomy`] and [`Settings`].
+#[derive(Clone, Debug)]
+pub struct Tables {
+    /// What is imaged.
+    pub anatomy: Anatomy,
+    /// The settings that the tables were derived from.
+    pub settings: Settings,
+    /// The volume of the anatomy.
+    pub volume: Arc<LabelVolume>,
+    /// Scanlines and samples.
+    pub grid: BeamGrid,
+    /// Pixels in the probe's plane.
+    pub image_grid: ImageGrid,
+    /// Origin and direction of each scanline in the probe's plane, mm.
+    pub rays: Vec<[f64; 4]>,
+    /// Distance between scanlines at each sample depth, mm.
+    pub line_spacing: Numbers,
+    /// Scanline and sample coordinates of each pixel; negative outside the sector.
+    pub scan_map: Vec<[f32; 2]>,
+    /// One row a label index.
+    pub label_rows: Vec<LabelRow>,
+    /// Solid textures that the tissues name.
+    pub atlas: Option<Atlas>,
+    /// Lattice and kernels of the speckle.
+    pub speckle: Option<SpeckleTables>,
+    /// Kernel of the radial blur.
+    pub blur: Option<LateralKernel>,
+    /// Linear gain at each sample depth.
+    pub gain: Numbers,
+}
+
+impl Tables {
+    /// Derives everything.
+    pub fn new(anatomy: Anatomy, settings: Settings) -> Result<Self, SynthError> {
+        settings.effects.validate()?;
+        let grid = BeamGrid::new(&settings.probe)?;
+        let image_grid = image_grid(&grid, &settings.image)?;
+        let mut tables = Self {
+            volume: Arc::clone(&anatomy.volume),
+            scan_map: clamped_scan_map(&grid, &image_grid),
+            rays: rays(&grid),
+            line_spacing: line_spacing(&grid),
+            label_rows: Vec::new(),
+            atlas: None,
+            speckle: settings.effects.speckle.as_ref().map(|speckle| SpeckleTables::new(speckle, &grid)),
+            blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
+            gain: Numbers::default(),
+            grid,
+            image_grid,
+            anatomy,
+            settings,
+        };
+        tables.gain = tables.gain_table();
+        tables.place_textures();
+        tables.label_rows = tables.rows();
+        Ok(tables)
+    }
+
+    /// Changes the settings and returns the resources whose contents changed. Nothing else is recomputed; on an error the
+    /// tables stay as they were.
+    pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
+        settings.effects.validate()?;
+        let (old, new) = (&self.settings, &settings);
+        let probe = old.probe != new.probe;
+        let grid = if probe { BeamGrid::new(&new.probe)? } else { self.grid.clone() };
+        let image_grid = image_grid(&grid, &new.image)?;
+        let speckle = probe || old.effects.speckle != new.effects.speckle;
+        let blur = probe || old.effects.blur != new.effects.blur;
+        let shadow = probe || old.effects.shadow != new.effects.shadow;
+        let gain = shadow || old.effects.tone != new.effects.tone;
+        let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
+        let mut changed = Vec::new();
+        let remap = probe || image_grid != self.image_grid;
+
+        self.settings = settings;
+        self.grid = grid;
+        self.image_grid = image_grid;
+        if remap {
+            self.scan_map = clamped_scan_map(&self.grid, &self.image_grid);
+            changed.push(Resource::ScanMap);
+        }
+        if probe {
+            self.rays = rays(&self.grid);
+            self.line_spacing = line_spacing(&self.grid);
+            changed.extend([Resource::Rays, Resource::LineSpacing]);
+        }
+        if speckle {
+            self.speckle = self.settings.effects.speckle.as_ref().map(|speckle| SpeckleTables::new(speckle, &self.grid));
+            changed.extend([Resource::AxialKernel, Resource::LateralKernel]);
+        }
+        if blur {
+            self.blur = self.settings.effects.blur.as_ref().map(|blur| blur.kernel(&self.grid));
+            changed.push(Resource::BlurKernel);
+        }
+        if gain {
+            self.gain = self.gain_table();
+            changed.push(Resource::Gain);
+        }
+        if texture {
+            self.place_textures();
+            changed.extend([Resource::Atlas, Resource::TextureEntries]);
+        }
+        if texture || shadow {
+            self.label_rows = self.rows();
+            changed.push(Resource::LabelRows);
+        }
+        Ok(changed)
+    }
+
+    /// Scanlines.
+    pub fn lines(&self) -> usize {
+        self.grid.lines()
+    }
+
+    /// Samples along a scanline.
+    pub fn samples(&self) -> usize {
+        self.grid.samples()
+    }
+
+    /// Distance between samples, mm.
+    pub fn sample_mm(&self) -> f64 {
+        self.grid.sample_spacing_mm()
+    }
+
+    /// Elevational sub-planes.
+    pub fn planes(&self) -> usize {
+        self.settings.effects.thickness.as_ref().map_or(1, |thickness| thickness.planes as usize)
+    }
+
+    /// Distance between sub-planes, mm.
+    pub fn plane_mm(&self) -> f64 {
+        self.settings.effects.thickness.as_ref().map_or(0.0, |thickness| thickness.plane_mm())
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.image_grid.width()
+    }
+
+    /// Rows of pixels.
+    pub fn height(&self) -> usize {
+        self.image_grid.height()
+    }
+
+    /// Words of four pixels in a row on the GPU: rows are padded to 256 bytes, as copies to textures need.
+    pub fn words_per_row(&self) -> usize {
+        self.width().div_ceil(256) * 64
+    }
+
+    /// Bytes that a resource takes on the GPU.
+    pub fn bytes(&self, resource: Resource) -> u64 {
+        let beam = (self.lines() * self.samples()) as u64;
+        let pixels = (self.width() * self.height()) as u64;
+        let fine = self.speckle.as_ref().map_or(0, |speckle| speckle.fine_lines(self.lines()) * self.samples()) as u64;
+        let depth_kernel = |reach: usize| ((2 * reach + 1) * self.samples() * 4) as u64;
+        let warp = |pick: fn(mesh::WarpSizes) -> u64| self.anatomy.mesh.as_ref().map_or(0, |mesh| pick(mesh::WarpSizes::of(mesh)));
+        match resource {
+            Resource::Rays => self.lines() as u64 * 16,
+            Resource::Position => beam * self.planes() as u64 * 16,
+            Resource::Element | Resource::Label | Resource::Amplitude => beam * self.planes() as u64 * 4,
+            Resource::ElementMaps => warp(|sizes| sizes.element_maps),
+            Resource::Adjacency => warp(|sizes| sizes.adjacency),
+            Resource::CellStarts => warp(|sizes| sizes.cell_starts),
+            Resource::CellElements => warp(|sizes| sizes.cell_elements),
+            Resource::Voxels => self.volume.voxels().len().div_ceil(4) as u64 * 4,
+            Resource::LabelRows => size_of_val(self.label_rows.as_slice()) as u64,
+            Resource::TextureEntries => self.atlas.as_ref().map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64,
+            Resource::Atlas => self.atlas.as_ref().map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
+            Resource::AmplitudeNext | Resource::NeedleMask | Resource::Loss => beam * 4,
+            Resource::Scatter | Resource::ScatterAxial => fine * 8,
+            Resource::AxialKernel => self.speckle.as_ref().map_or(0, |speckle| speckle.axial.of::<f32>().len() * 4) as u64,
+            Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| depth_kernel(speckle.lateral.reach)),
+            Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
+            Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
+            Resource::Needle => (MAX_SEGMENTS * 32) as u64,
+            Resource::ScanMap => pixels * 8,
+            Resource::Image => pixels * 4,
+            Resource::Pixels => (self.words_per_row() * self.height() * 4) as u64,
+        }
+    }
+
+    fn gain_table(&self) -> Numbers {
+        let effects = &self.settings.effects;
+        let attenuates = effects.shadow.as_ref().is_some_and(|shadow| shadow.attenuation);
+        let matched = if attenuates { 2.0 * SOFT_TISSUE_DB_CM_MHZ * self.settings.probe.frequency_mhz } else { 0.0 };
+        let gain = |sample: usize| match &effects.tone {
+            Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched) / 20.0),
+            None => 1.0,
+        };
+        Numbers::new((0..self.samples()).map(gain).collect())
+    }
+
+    fn place_textures(&mut self) {
+        self.atlas = texture::atlas(&self.anatomy, &self.settings);
+    }
+
+    fn rows(&self) -> Vec<LabelRow> {
+        let effects = &self.settings.effects;
+        let row = |label: usize| {
+            let tissue = self.anatomy.tissues.of(label as u8);
+            let db = effects
+                .shadow
+                .as_ref()
+                .map_or(0.0, |shadow| shadow.db_per_mm(tissue, self.settings.probe.frequency_mhz) * self.sample_mm());
+            LabelRow {
+                echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
+                impedance: tissue.impedance_mrayl as f32,
+                loss: units(db),
+                texture: self.atlas.as_ref().map_or(0, |atlas| texture::entry_of(atlas, tissue)),
+            }
+        };
+        (0..self.volume.labels().len()).map(row).collect()
+    }
+}
+
+fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthError> {
+    Ok(ImageGrid::fit(grid, image.width, image.height, image.margin)?)
+}
+
+fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {
+    grid.rays().iter().map(|ray| [ray.origin[0], ray.origin[1], ray.direction[0], ray.direction[1]]).collect()
+}
+
+fn line_spacing(grid: &BeamGrid) -> Numbers {
+    // A single scanline has no neighbours: any finite spacing serves, since their difference is nil.
+    Numbers::new((0..grid.samples()).map(|sample| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6)).collect())
+}
+
+/// The scan map with coordinates inside the sector moved onto the grid, so that the first and last half sample repeat.
+fn clamped_scan_map(grid: &BeamGrid, image: &ImageGrid) -> Vec<[f32; 2]> {
+    let mut map = scan_map(grid, image, 0..image.height());
+    let last = [grid.lines() as f32 - 1.0, grid.samples() as f32 - 1.0];
+    for at in map.iter_mut().filter(|at| **at != OUTSIDE) {
+        *at = [at[0].clamp(0.0, last[0]), at[1].clamp(0.0, last[1])];
+    }
+    map
+}
