@@ -15,6 +15,9 @@
 //! Objects are made once and kept; a frame in the steady state writes [`Uniforms`], records, submits and reads back.
 //! Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
 //!
+//! Software Vulkan (llvmpipe of Mesa 22.3) ends loops silently once an invocation has gone through 65,535 rounds of all
+//! loops of its shader together: a pass that loops longer belongs in several dispatches.
+//!
 //! ```no_run
 //! use insonify::gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Uniforms};
 //!
