@@ -4,6 +4,8 @@
 //! |---|---|
 //! | [`adapter`] | which adapters the machine has, and which one a user means |
 //! | [`device`] | [`Gpu`]: an opened device, its limits, and its errors as values |
+//! | [`faults`] | [`Faults`]: errors that only handlers and callbacks hear of |
+//! | [`error`] | [`GpuError`] |
 //! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
 //! | [`uniforms`] | [`Uniforms`]: the parameters of all passes in one buffer |
 //! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
@@ -14,6 +16,9 @@
 //!
 //! Objects are made once and kept; a frame in the steady state writes [`Uniforms`], records, submits and reads back.
 //! Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
+//!
+//! Software Vulkan (llvmpipe of Mesa 22.3) ends loops silently once an invocation has gone through 65,535 rounds of all
+//! loops of its shader together: a pass that loops longer belongs in several dispatches.
 //!
 //! ```no_run
 //! use insonify::gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Uniforms};
@@ -51,6 +56,7 @@ pub mod adapter;
 pub mod buffer;
 pub mod device;
 pub mod error;
+pub mod faults;
 pub mod pass;
 pub mod readback;
 pub mod recorder;
@@ -62,8 +68,9 @@ pub mod uniforms;
 
 pub use adapter::{AdapterChoice, AdapterLimits, AdapterReport};
 pub use buffer::StorageBuffer;
-pub use device::{Faults, Gpu, Needs};
+pub use device::{Gpu, Needs};
 pub use error::GpuError;
+pub use faults::Faults;
 pub use pass::{Access, PassSource, Pipeline};
 pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};

@@ -180,7 +180,7 @@ mod tests {
             source: "@group(0) @binding(1) var<storage, read_write> out: array<u32>;
                 @compute @workgroup_size(1) fn spin() {
                     var x = out[0];
-                    for (var i = 0u; i < 20000000u; i++) { x = x * 1664525u + 1013904223u; }
+                    for (var i = 0u; i < 60000u; i++) { x = (x ^ (x >> 7u)) * 1664525u + 1013904223u; }
                     out[0] = x | 1u;
                 }",
             entry: "spin",
@@ -199,7 +199,7 @@ mod tests {
                 slot: 0,
                 workgroups: [1, 1, 1],
             };
-            recorder.run("spin", [dispatch])?;
+            recorder.run("spin", [dispatch; 400])?;
             recorder.read_back(&out, &readback)
         })
         .unwrap();

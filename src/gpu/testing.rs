@@ -7,17 +7,15 @@ const REQUIRE_VARIABLE: &str = "INSONIFY_REQUIRE_GPU";
 
 /// An opened device, or `None` after saying that the test is skipped.
 pub(crate) fn open() -> Option<Gpu> {
-    open_with(&Needs::default())
-}
-
-/// As [`open`], with limits raised to `needs`.
-pub(crate) fn open_with(needs: &Needs) -> Option<Gpu> {
-    match Gpu::open(&AdapterChoice::from_flag(None), needs) {
+    match Gpu::open(&AdapterChoice::from_flag(None), &Needs::default()) {
         Ok(gpu) => Some(gpu),
         Err(GpuError::NoAdapter) => {
             let required = std::env::var(REQUIRE_VARIABLE).is_ok_and(|value| value == "1");
             assert!(!required, "{REQUIRE_VARIABLE}=1, and there is no GPU adapter");
-            println!("SKIPPED: no GPU adapter");
+            println!(
+                "SKIPPED: no GPU adapter for {}",
+                std::thread::current().name().unwrap_or("a test")
+            );
             None
         }
         Err(error) => panic!("{error}"),

@@ -1,0 +1,42 @@
+//! Errors that no call returns: they reach handlers and callbacks instead.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::GpuError;
+
+/// Errors that arrive through handlers and callbacks, kept until [`Gpu::check`](super::Gpu::check) returns them. Clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Faults(Arc<Mutex<FaultState>>);
+
+#[derive(Debug, Default)]
+struct FaultState {
+    lost: Option<GpuError>,
+    first: Option<GpuError>,
+}
+
+impl Faults {
+    /// Keeps an uncaptured error, unless an earlier one still waits to be returned.
+    pub fn report(&self, error: wgpu::Error) {
+        self.lock()
+            .first
+            .get_or_insert_with(|| GpuError::from_wgpu("an uncaptured GPU error", error));
+    }
+
+    /// Keeps the loss of the device for good; `message` may be empty.
+    pub fn report_lost(&self, reason: &str, message: &str) {
+        let separator = if message.is_empty() { "" } else { ": " };
+        let lost = GpuError::Lost {
+            reason: format!("{}{separator}{message}", reason.to_lowercase()),
+        };
+        self.lock().lost.get_or_insert(lost);
+    }
+
+    pub(super) fn take(&self) -> Result<(), GpuError> {
+        let mut state = self.lock();
+        state.lost.clone().or_else(|| state.first.take()).map_or(Ok(()), Err)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, FaultState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
