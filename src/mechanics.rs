@@ -1,1 +1,3 @@
-//! Mechanics in f64, without wgpu: tetrahedral meshes and point location.
+//! Mechanics in f64: tetrahedral meshes and point location.
+
+pub mod mesh;

@@ -1,0 +1,223 @@
+//! Linear tetrahedral meshes: the reference state, its topology, and the two-state map from the world back to it.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`lattice`] | meshes made over a box |
+//! | [`displacement`] | analytic displacement fields |
+//! | [`locator`] | point location in the reference or the deformed state |
+//! | [`map`] | world to reference, line by line |
+//! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
+//! | [`vtk`] | VTK files, legacy and XML |
+
+mod adjacency;
+pub mod displacement;
+mod element;
+mod grid;
+pub mod lattice;
+pub mod locator;
+pub mod map;
+pub mod pack;
+pub mod vtk;
+
+pub use displacement::{Displacement, InvalidDisplacement};
+pub use locator::{Hit, Locator, LocatorReport, NONE};
+
+/// A tetrahedral mesh in its reference (undeformed) state, valid by construction.
+///
+/// Node order of an element: its signed volume is `(n1 - n0) . ((n2 - n0) x (n3 - n0)) / 6`. A mesh in which every element
+/// that has a volume comes out negative was written with the other convention and is turned round on construction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TetMesh {
+    nodes: Vec<[f64; 3]>,
+    elements: Vec<[u32; 4]>,
+    regions: Vec<i32>,
+    neighbours: Vec<[u32; 4]>,
+}
+
+/// Why a mesh cannot be made from its parts.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidMesh {
+    /// There is no element.
+    #[error("the mesh has no tetrahedra")]
+    Empty,
+    /// More nodes or elements than 32-bit indices can name.
+    #[error("{found} {what}; at most {limit} are supported")]
+    TooMany {
+        /// "nodes" or "tetrahedra".
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// The most that indices can name.
+        limit: usize,
+    },
+    /// The region list does not match the elements.
+    #[error("{found} region numbers for {expected} tetrahedra")]
+    Regions {
+        /// Regions given.
+        found: usize,
+        /// Elements given.
+        expected: usize,
+    },
+    /// A reference coordinate is NaN or infinite.
+    #[error("node {node} is at {position:?}; reference coordinates must be finite")]
+    Coordinate {
+        /// Index of the node, from 0.
+        node: usize,
+        /// Its coordinates, mm.
+        position: [f64; 3],
+    },
+    /// An element names a node that is not there.
+    #[error("tetrahedron {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
+    Node {
+        /// Index of the element, from 0.
+        element: usize,
+        /// The node it names.
+        node: u32,
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// An element names the same node twice.
+    #[error("tetrahedron {element} names node {node} twice: {corners:?}")]
+    RepeatedNode {
+        /// Index of the element, from 0.
+        element: usize,
+        /// The repeated node.
+        node: u32,
+        /// All four corners.
+        corners: [u32; 4],
+    },
+    /// More than two elements meet in one face.
+    #[error("face {face:?} belongs to tetrahedra {elements:?}; a face can join at most two")]
+    SharedFace {
+        /// Node indices of the face, ascending.
+        face: [u32; 3],
+        /// The first three elements that share it.
+        elements: [u32; 3],
+    },
+    /// A box to be meshed has no volume, or its corners are not finite.
+    #[error("a mesh over a box needs a finite box with a volume; got the edges {edges_mm:?} mm")]
+    Box {
+        /// Edge vectors of the box, mm.
+        edges_mm: [[f64; 3]; 3],
+    },
+    /// A lattice with an axis without cells.
+    #[error("a lattice of {0:?} cells; every axis needs at least one")]
+    Cells([usize; 3]),
+}
+
+impl TetMesh {
+    /// A mesh from reference nodes (mm), elements (four node indices each) and one region number an element.
+    ///
+    /// Inverted and flat elements are accepted (see [`TetMesh::volumes`]): point location gives each a defined result.
+    ///
+    /// # Errors
+    /// [`InvalidMesh`], with the first offending node, element or face.
+    pub fn new(nodes: Vec<[f64; 3]>, mut elements: Vec<[u32; 4]>, regions: Vec<i32>) -> Result<TetMesh, InvalidMesh> {
+        validate(&nodes, &elements, &regions)?;
+        let mut signs = elements
+            .iter()
+            .map(|corners| signed_volume(&nodes, corners))
+            .filter(|volume| *volume != 0.0);
+        if signs.next().is_some_and(|first| first < 0.0) && signs.all(|volume| volume < 0.0) {
+            elements.iter_mut().for_each(|corners| corners.swap(2, 3));
+        }
+        let neighbours = adjacency::neighbours(&elements)?;
+        Ok(TetMesh {
+            nodes,
+            elements,
+            regions,
+            neighbours,
+        })
+    }
+
+    /// Reference positions of the nodes, mm.
+    pub fn nodes(&self) -> &[[f64; 3]] {
+        &self.nodes
+    }
+
+    /// Node indices of the elements.
+    pub fn elements(&self) -> &[[u32; 4]] {
+        &self.elements
+    }
+
+    /// Region number of each element (0 where the source had none).
+    pub fn regions(&self) -> &[i32] {
+        &self.regions
+    }
+
+    /// For each element and each of its corners the element across the opposite face, or [`NONE`] at the surface.
+    pub fn neighbours(&self) -> &[[u32; 4]] {
+        &self.neighbours
+    }
+
+    /// Signed volumes of the elements with the nodes at `nodes` (reference or current), mm^3. Negative means inverted.
+    ///
+    /// # Panics
+    /// If `nodes` has fewer entries than the mesh has nodes.
+    pub fn volumes<'a>(&'a self, nodes: &'a [[f64; 3]]) -> impl ExactSizeIterator<Item = f64> + 'a {
+        self.elements.iter().map(move |corners| signed_volume(nodes, corners))
+    }
+
+    /// Corners of the axis-aligned box around the reference nodes, mm.
+    pub fn bounds(&self) -> [[f64; 3]; 2] {
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for node in &self.nodes {
+            for axis in 0..3 {
+                bounds[0][axis] = bounds[0][axis].min(node[axis]);
+                bounds[1][axis] = bounds[1][axis].max(node[axis]);
+            }
+        }
+        bounds
+    }
+}
+
+fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Result<(), InvalidMesh> {
+    // The highest word is `NONE`, and the cell lists keep one bit for themselves.
+    let limit = (u32::MAX >> 1) as usize;
+    for (what, found) in [("nodes", nodes.len()), ("tetrahedra", elements.len())] {
+        if found > limit {
+            return Err(InvalidMesh::TooMany { what, found, limit });
+        }
+    }
+    if elements.is_empty() {
+        return Err(InvalidMesh::Empty);
+    }
+    if regions.len() != elements.len() {
+        return Err(InvalidMesh::Regions {
+            found: regions.len(),
+            expected: elements.len(),
+        });
+    }
+    if let Some(node) = nodes.iter().position(|node| node.iter().any(|x| !x.is_finite())) {
+        return Err(InvalidMesh::Coordinate {
+            node,
+            position: nodes[node],
+        });
+    }
+    for (element, corners) in elements.iter().enumerate() {
+        for (place, &node) in corners.iter().enumerate() {
+            if node as usize >= nodes.len() {
+                return Err(InvalidMesh::Node {
+                    element,
+                    node,
+                    nodes: nodes.len(),
+                });
+            }
+            if corners[..place].contains(&node) {
+                return Err(InvalidMesh::RepeatedNode {
+                    element,
+                    node,
+                    corners: *corners,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn signed_volume(nodes: &[[f64; 3]], corners: &[u32; 4]) -> f64 {
+    element::edges(&corners.map(|node| nodes[node as usize])).determinant() / 6.0
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,291 @@
+//! Analytic displacement fields: closed forms that move a mesh without any mechanics.
+
+use nalgebra::{Rotation3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A displacement of every point of space, from reference position (mm) to displacement (mm).
+///
+/// Directions and axes need not have unit length; they must not be zero.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Displacement {
+    /// Uniform compression along a direction with lateral expansion: the uniaxial solution of linear elasticity.
+    Compression {
+        /// A point that stays where it is, mm.
+        fixed_mm: [f64; 3],
+        /// Direction along which the tissue is pressed (its sign does not matter).
+        direction: [f64; 3],
+        /// Shortening as a fraction of length along the direction, below 1; negative stretches.
+        strain: f64,
+        /// Poisson's ratio: lateral expansion over axial shortening, -1 to 0.5.
+        #[serde(default = "incompressible")]
+        poisson: f64,
+    },
+    /// A press as by a probe: a Gaussian bump of displacement `depth exp(-|p - centre|^2 / (2 radius^2))` along a direction.
+    /// It folds no tissue while the depth stays below `sqrt(e)` (1.65) radii.
+    Indentation {
+        /// Where the press is deepest, mm.
+        centre_mm: [f64; 3],
+        /// Direction of the press, into the tissue.
+        direction: [f64; 3],
+        /// Displacement at the centre, mm.
+        depth_mm: f64,
+        /// Standard deviation of the Gaussian, mm, above 0.
+        radius_mm: f64,
+    },
+    /// Simple shear: planes across the normal slide along the direction.
+    Shear {
+        /// A point of the plane that stays where it is, mm.
+        fixed_mm: [f64; 3],
+        /// Direction of sliding.
+        direction: [f64; 3],
+        /// Normal of the sliding planes; only its part across the direction counts.
+        normal: [f64; 3],
+        /// Sliding per distance from the fixed plane (tangent of the shear angle).
+        amount: f64,
+    },
+    /// Rigid rotation about an axis.
+    Rotation {
+        /// A point of the axis, mm.
+        centre_mm: [f64; 3],
+        /// Direction of the axis.
+        axis: [f64; 3],
+        /// Angle, right-handed, degrees.
+        angle_deg: f64,
+    },
+    /// Rotation about an axis whose angle falls off as `exp(-|p - centre|^2 / (2 radius^2))`.
+    Swirl {
+        /// Centre of the swirl, mm.
+        centre_mm: [f64; 3],
+        /// Direction of the axis.
+        axis: [f64; 3],
+        /// Angle at the centre, right-handed, degrees.
+        angle_deg: f64,
+        /// Standard deviation of the fall-off, mm, above 0.
+        radius_mm: f64,
+    },
+    /// Any affine map of position: the displacement is `matrix * p - p`.
+    Affine {
+        /// Row-major homogeneous matrix on column vectors in mm; the last row is 0 0 0 1.
+        matrix: [[f64; 4]; 4],
+    },
+}
+
+/// Soft tissue hardly changes its volume (spec of the tissue models: Poisson's ratio 0.45 to 0.5).
+fn incompressible() -> f64 {
+    0.5
+}
+
+/// A parameter of a displacement field that is out of its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("displacement `{kind}`: {key} is {found}; it must be {expected}")]
+pub struct InvalidDisplacement {
+    /// The field's `kind`.
+    pub kind: &'static str,
+    /// The key at fault.
+    pub key: &'static str,
+    /// What it held.
+    pub found: String,
+    /// What is allowed.
+    pub expected: &'static str,
+}
+
+impl Displacement {
+    /// The `kind` of the field as files name it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Displacement::Compression { .. } => "compression",
+            Displacement::Indentation { .. } => "indentation",
+            Displacement::Shear { .. } => "shear",
+            Displacement::Rotation { .. } => "rotation",
+            Displacement::Swirl { .. } => "swirl",
+            Displacement::Affine { .. } => "affine",
+        }
+    }
+
+    /// Checks every parameter against its range.
+    ///
+    /// # Errors
+    /// [`InvalidDisplacement`] for the first that is out of range or not finite.
+    pub fn validate(&self) -> Result<(), InvalidDisplacement> {
+        let fault = |key, found: String, expected| InvalidDisplacement {
+            kind: self.kind(),
+            key,
+            found,
+            expected,
+        };
+        let number = |key, value: f64, holds: bool, expected| match value.is_finite() && holds {
+            true => Ok(()),
+            false => Err(fault(key, value.to_string(), expected)),
+        };
+        let position = |key, value: &[f64; 3]| match value.iter().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(fault(key, format!("{value:?}"), "three finite numbers")),
+        };
+        let direction = |key, value: &[f64; 3]| match unit(value) {
+            Some(_) => Ok(()),
+            None => Err(fault(
+                key,
+                format!("{value:?}"),
+                "three finite numbers that are not all zero",
+            )),
+        };
+        match self {
+            Displacement::Compression {
+                fixed_mm,
+                direction: along,
+                strain,
+                poisson,
+            } => {
+                position("fixed_mm", fixed_mm)?;
+                direction("direction", along)?;
+                number("strain", *strain, *strain < 1.0, "a fraction below 1")?;
+                number(
+                    "poisson",
+                    *poisson,
+                    (-1.0..=0.5).contains(poisson),
+                    "between -1 and 0.5",
+                )
+            }
+            Displacement::Indentation {
+                centre_mm,
+                direction: along,
+                depth_mm,
+                radius_mm,
+            } => {
+                position("centre_mm", centre_mm)?;
+                direction("direction", along)?;
+                number("depth_mm", *depth_mm, true, "a finite number")?;
+                number("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
+            }
+            Displacement::Shear {
+                fixed_mm,
+                direction: along,
+                normal,
+                amount,
+            } => {
+                position("fixed_mm", fixed_mm)?;
+                direction("direction", along)?;
+                direction("normal", normal)?;
+                number("amount", *amount, true, "a finite number")?;
+                match across(normal, along) {
+                    Some(_) => Ok(()),
+                    None => Err(fault("normal", format!("{normal:?}"), "not parallel to `direction`")),
+                }
+            }
+            Displacement::Rotation {
+                centre_mm,
+                axis,
+                angle_deg,
+            } => {
+                position("centre_mm", centre_mm)?;
+                direction("axis", axis)?;
+                number("angle_deg", *angle_deg, true, "a finite number")
+            }
+            Displacement::Swirl {
+                centre_mm,
+                axis,
+                angle_deg,
+                radius_mm,
+            } => {
+                position("centre_mm", centre_mm)?;
+                direction("axis", axis)?;
+                number("angle_deg", *angle_deg, true, "a finite number")?;
+                number("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
+            }
+            Displacement::Affine { matrix } => {
+                let finite = matrix.iter().flatten().all(|x| x.is_finite());
+                match finite && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
+                    true => Ok(()),
+                    false => Err(fault(
+                        "matrix",
+                        format!("{matrix:?}"),
+                        "finite, with the last row 0 0 0 1",
+                    )),
+                }
+            }
+        }
+    }
+
+    /// The displacement (mm) of the point with reference position `p` (mm). A field that [`Displacement::validate`] refuses
+    /// for a direction without length displaces nothing.
+    pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        self.field(Vector3::from(p)).unwrap_or_else(Vector3::zeros).into()
+    }
+
+    /// Writes the current positions (mm) of nodes at the reference positions `nodes` (mm) into `current`, reusing its memory.
+    pub fn displace(&self, nodes: &[[f64; 3]], current: &mut Vec<[f64; 3]>) {
+        current.clear();
+        current.extend(nodes.iter().map(|&node| {
+            let u = self.apply(node);
+            [node[0] + u[0], node[1] + u[1], node[2] + u[2]]
+        }));
+    }
+
+    fn field(&self, p: Vector3<f64>) -> Option<Vector3<f64>> {
+        Some(match self {
+            Displacement::Compression {
+                fixed_mm,
+                direction,
+                strain,
+                poisson,
+            } => {
+                let (r, d) = (p - Vector3::from(*fixed_mm), unit(direction)?);
+                let along = d.into_inner() * d.dot(&r);
+                (r - along) * (poisson * strain) - along * *strain
+            }
+            Displacement::Indentation {
+                centre_mm,
+                direction,
+                depth_mm,
+                radius_mm,
+            } => unit(direction)?.into_inner() * (depth_mm * bump(p, centre_mm, *radius_mm)),
+            Displacement::Shear {
+                fixed_mm,
+                direction,
+                normal,
+                amount,
+            } => {
+                let height = across(normal, direction)?.dot(&(p - Vector3::from(*fixed_mm)));
+                unit(direction)?.into_inner() * (amount * height)
+            }
+            Displacement::Rotation {
+                centre_mm,
+                axis,
+                angle_deg,
+            } => turn(p, centre_mm, unit(axis)?, *angle_deg),
+            Displacement::Swirl {
+                centre_mm,
+                axis,
+                angle_deg,
+                radius_mm,
+            } => turn(p, centre_mm, unit(axis)?, angle_deg * bump(p, centre_mm, *radius_mm)),
+            Displacement::Affine { matrix } => {
+                Vector3::from(std::array::from_fn(|i| {
+                    matrix[i][0] * p.x + matrix[i][1] * p.y + matrix[i][2] * p.z + matrix[i][3]
+                })) - p
+            }
+        })
+    }
+}
+
+fn unit(direction: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
+    let finite = direction.iter().all(|x| x.is_finite());
+    Unit::try_new(Vector3::from(*direction), 0.0).filter(|unit| finite && unit.norm() > 0.5)
+}
+
+/// The unit vector of the part of `normal` across `direction`.
+fn across(normal: &[f64; 3], direction: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
+    let (n, d) = (unit(normal)?, unit(direction)?);
+    Unit::try_new(n.into_inner() - d.into_inner() * d.dot(&n), 1e-9)
+}
+
+fn bump(p: Vector3<f64>, centre: &[f64; 3], radius: f64) -> f64 {
+    (-(p - Vector3::from(*centre)).norm_squared() / (2.0 * radius * radius)).exp()
+}
+
+fn turn(p: Vector3<f64>, centre: &[f64; 3], axis: Unit<Vector3<f64>>, degrees: f64) -> Vector3<f64> {
+    let r = p - Vector3::from(*centre);
+    Rotation3::from_axis_angle(&axis, degrees.to_radians()) * r - r
+}

@@ -1,0 +1,198 @@
+//! What point location keeps of one element, prepared from its current and reference corners.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::real::Real;
+
+/// World to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`, `[row 3, 0]`.
+///
+/// With `d = p - origin` (the current position of corner 0), coordinate `i` is `row i . d` and coordinate 0 is what they
+/// leave of 1: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack` is
+/// the rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no other
+/// element of an unfolded mesh can hold the point; `inverted` is 1 or 0.
+pub(super) type Frame<T> = [[T; 4]; 4];
+
+/// World to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference corner 0.
+pub(super) type Carry<T> = [[T; 4]; 3];
+
+/// A bound on the rounding error of a barycentric coordinate, in machine epsilons per (1 + aspect), where aspect is the
+/// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of
+/// `|row| |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
+/// arithmetic on other backends.
+const SLACK_EPSILONS: f64 = 16.0;
+/// The slack of elements so thin that the bound above says nothing any more.
+const SLACK_MAX: f64 = 1.0 / 64.0;
+/// An element flatter than this many epsilons of its largest coordinate has no orientation that the scalar resolves.
+const FLAT_EPSILONS: f64 = 4.0;
+
+/// What an element is, in the current state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Sound,
+    Inverted,
+    /// Without volume, or thinner than the scalar resolves.
+    Flat,
+    /// A corner is NaN or infinite.
+    NotFinite,
+}
+
+/// An element prepared for location.
+pub(super) struct Prepared<T> {
+    pub frame: Frame<T>,
+    pub carry: Carry<T>,
+    /// Axis-aligned box of all points that can test as inside: low corner, high corner.
+    pub bounds: [[T; 3]; 2],
+    /// No point farther than this from the element tests as inside (mm).
+    pub reach: T,
+    pub kind: Kind,
+}
+
+/// Edge vectors from corner 0 as columns.
+pub(super) fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
+    let origin = Vector3::from(corners[0]);
+    Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| Vector3::from(corners[corner]) - origin))
+}
+
+/// Prepares the element with these corners. The current corners are those that `T` holds, so that neighbours agree exactly
+/// on the face between them.
+pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> Prepared<T> {
+    let corners = current.map(|corner| corner.map(T::wide));
+    if corners.iter().flatten().any(|x| !x.is_finite()) {
+        return excluded(Kind::NotFinite);
+    }
+    let edges_now = edges(&corners);
+    let volume = edges_now.determinant();
+    let largest = corners.iter().flatten().fold(0.0f64, |a, x| a.max(x.abs()));
+    let diameter = diameter(&edges_now);
+    let thinnest = FLAT_EPSILONS * T::epsilon().wide() * largest.max(diameter);
+    let (e1, e2, e3) = (edges_now.column(0), edges_now.column(1), edges_now.column(2));
+    let cross = [e2.cross(&e3), e3.cross(&e1), e1.cross(&e2)];
+    let opposite = cross[0] + cross[1] + cross[2];
+    let widest = [cross[0], cross[1], cross[2], opposite]
+        .iter()
+        .fold(0.0f64, |a, face| a.max(face.norm()));
+    // Volume over face area is height. NaN counts as flat.
+    if !(volume.abs() > thinnest * widest) {
+        return excluded(Kind::Flat);
+    }
+    let rows = cross.map(|face| face / volume);
+    let aspect = diameter * widest / volume.abs();
+    let slack = (SLACK_EPSILONS * T::epsilon().wide() * (1.0 + aspect)).min(SLACK_MAX);
+    // Coordinates of at least -s are the element grown about its centroid by 1 + 4 s; no corner moves by more than 3 s
+    // diameters. Twice that, since the coordinates that are tested carry an error of up to s themselves.
+    let reach = 6.0 * slack * diameter;
+    let inverted = volume < 0.0;
+
+    let mut frame = [[T::zero(); 4]; 4];
+    frame[0] = [current[0][0], current[0][1], current[0][2], T::of(slack)];
+    for (place, row) in rows.iter().enumerate() {
+        frame[place + 1] = [T::of(row.x), T::of(row.y), T::of(row.z), T::zero()];
+    }
+    frame[1][3] = T::of(widest / volume.abs());
+    frame[2][3] = if inverted { T::one() } else { T::zero() };
+    let gradient =
+        edges(reference) * Matrix3::from_rows(&[rows[0].transpose(), rows[1].transpose(), rows[2].transpose()]);
+    let carry = std::array::from_fn(|k| {
+        [
+            T::of(gradient[(k, 0)]),
+            T::of(gradient[(k, 1)]),
+            T::of(gradient[(k, 2)]),
+            T::of(reference[0][k]),
+        ]
+    });
+    let reach = T::of(reach);
+    let mut bounds = [current[0]; 2];
+    for axis in 0..3 {
+        for corner in &current[1..] {
+            bounds[0][axis] = bounds[0][axis].min(corner[axis]);
+            bounds[1][axis] = bounds[1][axis].max(corner[axis]);
+        }
+        bounds[0][axis] -= reach;
+        bounds[1][axis] += reach;
+    }
+    Prepared {
+        frame,
+        carry,
+        bounds,
+        reach,
+        kind: if inverted { Kind::Inverted } else { Kind::Sound },
+    }
+}
+
+/// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
+/// of the elements around it (mm).
+pub(super) fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
+    frame[1][3] = frame[0][3] + reach * frame[1][3];
+}
+
+/// Barycentric coordinates of `p`.
+#[inline(always)]
+pub(super) fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
+    let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
+    let b1 = frame[1][0] * d[0] + frame[1][1] * d[1] + frame[1][2] * d[2];
+    let b2 = frame[2][0] * d[0] + frame[2][1] * d[1] + frame[2][2] * d[2];
+    let b3 = frame[3][0] * d[0] + frame[3][1] * d[1] + frame[3][2] * d[2];
+    [T::one() - b1 - b2 - b3, b1, b2, b3]
+}
+
+/// The place and value of the least coordinate; the first of equals.
+#[inline(always)]
+pub(super) fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
+    let mut place = 0;
+    let mut value = coordinates[0];
+    for (other, &coordinate) in coordinates.iter().enumerate().skip(1) {
+        if coordinate < value {
+            place = other;
+            value = coordinate;
+        }
+    }
+    (place, value)
+}
+
+#[inline(always)]
+pub(super) fn slack<T: Real>(frame: &Frame<T>) -> T {
+    frame[0][3]
+}
+
+#[inline(always)]
+pub(super) fn clear<T: Real>(frame: &Frame<T>) -> T {
+    frame[1][3]
+}
+
+#[inline(always)]
+pub(super) fn is_inverted<T: Real>(frame: &Frame<T>) -> bool {
+    frame[2][3] != T::zero()
+}
+
+/// The reference position of `p` under the affine map of one element.
+#[inline(always)]
+pub(super) fn carry_to_reference<T: Real>(frame: &Frame<T>, carry: &Carry<T>, p: [T; 3]) -> [T; 3] {
+    let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
+    carry.map(|row| row[3] + (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]))
+}
+
+fn diameter(edges: &Matrix3<f64>) -> f64 {
+    let (e1, e2, e3) = (edges.column(0), edges.column(1), edges.column(2));
+    let squares = [
+        e1.norm_squared(),
+        e2.norm_squared(),
+        e3.norm_squared(),
+        (e2 - e1).norm_squared(),
+        (e3 - e1).norm_squared(),
+        (e3 - e2).norm_squared(),
+    ];
+    squares.iter().fold(0.0f64, |a, b| a.max(*b)).sqrt()
+}
+
+/// Never hit: the coordinates come out as (1, 0, 0, 0), and none below 1 passes a slack of -1.
+fn excluded<T: Real>(kind: Kind) -> Prepared<T> {
+    let mut frame = [[T::zero(); 4]; 4];
+    frame[0][3] = -T::one();
+    Prepared {
+        frame,
+        carry: [[T::zero(); 4]; 3],
+        bounds: [[T::infinity(); 3], [T::neg_infinity(); 3]],
+        reach: T::zero(),
+        kind,
+    }
+}

@@ -1,0 +1,258 @@
+//! A uniform grid over the elements: for each cell, ascending, the elements whose boxes touch it.
+//!
+//! The cell of a point is a monotone function of its coordinates in the scalar of the locator, and the boxes go through the
+//! same function: a point inside a box always finds the element in its cell, whatever the rounding. Cells at the border
+//! stretch to infinity, so a few far nodes do not coarsen the grid for all others.
+
+use crate::real::Real;
+
+/// Marks, in the start of a cell's list, a cell that an inverted element touches.
+pub(super) const TANGLED: u32 = 1 << 31;
+/// Cells aimed at for each element: measured on lattice meshes, where more cells make the update dearer and fewer the scans.
+const CELLS_PER_ELEMENT: f64 = 0.5;
+/// List entries that are kept room for, per element; the grid is coarsened where boxes would need more.
+const ENTRIES_PER_ELEMENT: usize = 32;
+/// Nodes that the extent of the grid is estimated from.
+const EXTENT_SAMPLES: usize = 1024;
+/// The extent leaves out this fraction of the nodes at either end of each axis, then widens by `EXTENT_MARGIN` of itself.
+const EXTENT_TAIL: f64 = 0.01;
+const EXTENT_MARGIN: f64 = 0.05;
+
+/// The grid. All lists keep their memory between updates.
+#[derive(Clone, Debug)]
+pub(super) struct CellGrid<T> {
+    pub origin: [T; 3],
+    /// Cells per mm.
+    pub per_mm: T,
+    pub cells: [u32; 3],
+    /// Bounds of all elements' boxes.
+    pub low: [T; 3],
+    pub high: [T; 3],
+    /// Whether any cell is marked as tangled.
+    pub any_tangled: bool,
+    /// Where each cell's list starts, with [`TANGLED`]; one more than there are cells.
+    pub starts: Vec<u32>,
+    pub lists: Vec<u32>,
+    ranges: Vec<[[u32; 3]; 2]>,
+    samples: Vec<T>,
+}
+
+impl<T: Real> CellGrid<T> {
+    pub fn new(elements: usize) -> CellGrid<T> {
+        CellGrid {
+            origin: [T::zero(); 3],
+            per_mm: T::one(),
+            cells: [1; 3],
+            low: [T::infinity(); 3],
+            high: [T::neg_infinity(); 3],
+            any_tangled: false,
+            starts: Vec::with_capacity(cell_capacity(elements) + 1),
+            lists: Vec::with_capacity(entry_capacity(elements)),
+            ranges: Vec::with_capacity(elements),
+            samples: Vec::with_capacity(EXTENT_SAMPLES),
+        }
+    }
+
+    /// The most starts and list entries that the grid can come to hold.
+    pub fn capacities(elements: usize) -> (usize, usize) {
+        (cell_capacity(elements) + 1, entry_capacity(elements))
+    }
+
+    /// Rebuilds the grid for elements with these boxes (low above high: never hit) over these nodes.
+    pub fn rebuild(&mut self, nodes: &[[T; 3]], bounds: &[[[T; 3]; 2]], inverted: impl Fn(usize) -> bool) {
+        self.place(nodes, bounds.len());
+        self.bound(bounds);
+        self.ranges.clear();
+        let mut entries = 0;
+        for [low, high] in bounds {
+            let range = match low[0] <= high[0] {
+                true => [self.cell(*low), self.cell(*high)],
+                false => [[1; 3], [0; 3]],
+            };
+            entries += size(&range);
+            self.ranges.push(range);
+        }
+        while entries > entry_capacity(bounds.len()) && self.cells != [1; 3] {
+            entries = self.coarsen();
+        }
+        self.fill(entries);
+        self.mark(inverted);
+    }
+
+    /// The cell of a point that is not NaN.
+    #[inline(always)]
+    fn cell(&self, p: [T; 3]) -> [u32; 3] {
+        std::array::from_fn(|axis| {
+            let last = self.cells[axis] - 1;
+            let place = ((p[axis] - self.origin[axis]) * self.per_mm).floor();
+            place
+                .to_f64()
+                .map_or(0, |place| place.clamp(0.0, f64::from(last)) as u32)
+        })
+    }
+
+    /// The elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty outside the
+    /// bounds of all boxes.
+    #[inline(always)]
+    pub fn around(&self, p: [T; 3]) -> (&[u32], bool) {
+        if (0..3).any(|axis| p[axis] < self.low[axis] || p[axis] > self.high[axis]) {
+            return (&[], false);
+        }
+        let index = self.index(self.cell(p));
+        let (start, end) = (self.starts[index], self.starts[index + 1]);
+        (
+            &self.lists[(start & !TANGLED) as usize..(end & !TANGLED) as usize],
+            start & TANGLED != 0,
+        )
+    }
+
+    #[inline(always)]
+    fn index(&self, cell: [u32; 3]) -> usize {
+        let [nx, ny, _] = self.cells.map(|n| n as usize);
+        cell[0] as usize + nx * (cell[1] as usize + ny * cell[2] as usize)
+    }
+
+    /// Chooses origin, cell size and cell counts from where most nodes lie.
+    fn place(&mut self, nodes: &[[T; 3]], elements: usize) {
+        let mut extent = [0.0; 3];
+        let mut origin = [0.0; 3];
+        for axis in 0..3 {
+            let (low, high) = self.core(nodes, axis);
+            let margin = EXTENT_MARGIN * (high - low);
+            origin[axis] = low - margin;
+            extent[axis] = high - low + 2.0 * margin;
+        }
+        let longest = extent.iter().fold(0.0f64, |a, b| a.max(*b));
+        if !(longest > 0.0 && longest.is_finite()) {
+            (self.origin, self.per_mm, self.cells) = ([T::zero(); 3], T::one(), [1; 3]);
+            return;
+        }
+        let target = (CELLS_PER_ELEMENT * elements as f64).max(1.0);
+        let volume: f64 = extent.iter().map(|e| e.max(1e-6 * longest)).product();
+        let mut edge = (volume / target).cbrt();
+        let mut cells = extent.map(|e| (e / edge).ceil().max(1.0));
+        while cells.iter().product::<f64>() > cell_capacity(elements) as f64 {
+            edge *= 1.125;
+            cells = extent.map(|e| (e / edge).ceil().max(1.0));
+        }
+        self.origin = origin.map(T::of);
+        self.per_mm = T::of(edge.recip());
+        self.cells = cells.map(|n| n as u32);
+    }
+
+    /// The interval on one axis that holds nearly all finite nodes.
+    fn core(&mut self, nodes: &[[T; 3]], axis: usize) -> (f64, f64) {
+        self.samples.clear();
+        let step = nodes.len().div_ceil(EXTENT_SAMPLES).max(1);
+        self.samples.extend(
+            nodes
+                .iter()
+                .step_by(step)
+                .map(|node| node[axis])
+                .filter(|x| x.is_finite()),
+        );
+        if self.samples.is_empty() {
+            return (0.0, 0.0);
+        }
+        self.samples
+            .sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+        let last = self.samples.len() - 1;
+        let tail = (EXTENT_TAIL * last as f64) as usize;
+        (self.samples[tail].wide(), self.samples[last - tail].wide())
+    }
+
+    fn bound(&mut self, bounds: &[[[T; 3]; 2]]) {
+        (self.low, self.high) = ([T::infinity(); 3], [T::neg_infinity(); 3]);
+        for [low, high] in bounds {
+            for axis in 0..3 {
+                self.low[axis] = self.low[axis].min(low[axis]);
+                self.high[axis] = self.high[axis].max(high[axis]);
+            }
+        }
+    }
+
+    /// Doubles the cell size, exactly: a cell's number halves. Returns the entries that are then needed.
+    fn coarsen(&mut self) -> usize {
+        self.per_mm *= T::of(0.5);
+        self.cells = self.cells.map(|n| n.div_ceil(2));
+        let mut entries = 0;
+        for range in &mut self.ranges {
+            if size(range) > 0 {
+                *range = range.map(|corner| corner.map(|n| n >> 1));
+                entries += size(range);
+            }
+        }
+        entries
+    }
+
+    /// Counting sort of the elements into their cells; elements come in ascending order, so each list is ascending.
+    fn fill(&mut self, entries: usize) {
+        let cells = self.cells.iter().map(|n| *n as usize).product::<usize>();
+        self.starts.clear();
+        self.starts.resize(cells + 1, 0);
+        self.lists.clear();
+        self.lists.resize(entries, 0);
+        let [nx, ny, _] = self.cells.map(|n| n as usize);
+        let (starts, lists) = (&mut self.starts, &mut self.lists);
+        for range in &self.ranges {
+            rows(range, nx, ny, |row| {
+                starts[row.start + 1..row.end + 1].iter_mut().for_each(|n| *n += 1)
+            });
+        }
+        let mut sum = 0;
+        for start in starts.iter_mut() {
+            sum += *start;
+            *start = sum;
+        }
+        for (element, range) in self.ranges.iter().enumerate() {
+            rows(range, nx, ny, |row| {
+                for next in &mut starts[row] {
+                    lists[*next as usize] = element as u32;
+                    *next += 1;
+                }
+            });
+        }
+        // Each cursor now stands where the next cell's list starts.
+        starts.copy_within(0..cells, 1);
+        starts[0] = 0;
+    }
+
+    fn mark(&mut self, inverted: impl Fn(usize) -> bool) {
+        self.any_tangled = false;
+        let [nx, ny, _] = self.cells.map(|n| n as usize);
+        let starts = &mut self.starts;
+        for (element, range) in self.ranges.iter().enumerate() {
+            if inverted(element) {
+                self.any_tangled = true;
+                rows(range, nx, ny, |row| {
+                    starts[row].iter_mut().for_each(|start| *start |= TANGLED)
+                });
+            }
+        }
+    }
+}
+
+fn cell_capacity(elements: usize) -> usize {
+    elements + 64
+}
+
+fn entry_capacity(elements: usize) -> usize {
+    ENTRIES_PER_ELEMENT * elements
+}
+
+fn size([low, high]: &[[u32; 3]; 2]) -> usize {
+    (0..3)
+        .map(|axis| (high[axis] + 1).saturating_sub(low[axis]) as usize)
+        .product()
+}
+
+/// The runs of consecutive cells in a range of cells.
+#[inline(always)]
+fn rows([low, high]: &[[u32; 3]; 2], nx: usize, ny: usize, mut each: impl FnMut(std::ops::Range<usize>)) {
+    for k in low[2]..=high[2] {
+        for j in low[1]..=high[1] {
+            let row = nx * (j as usize + ny * k as usize);
+            each(row + low[0] as usize..row + high[0] as usize + 1);
+        }
+    }
+}

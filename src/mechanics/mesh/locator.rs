@@ -1,0 +1,282 @@
+//! Point location in a tetrahedral mesh, in its reference or its deformed state.
+//!
+//! A query walks from a starting element towards the point, each time through the face that the point lies farthest beyond,
+//! as the search of the image-warping paper does from the element of the last frame. Where the walk cannot decide (no start,
+//! the surface in the way, an element that is never hit, a point within rounding of a face, a fold nearby) the list of the
+//! point's grid cell decides: the lowest element that holds the point.
+//!
+//! # The start does not matter
+//! In an unfolded mesh the answer is a function of the point alone. The walk answers only where the point lies so deep in an
+//! element that no other can hold it, counting the rounding of both; everything else is left to the list. In a mesh with
+//! inverted elements the cells they touch are always answered from the list, and a hit is `folded` where an inverted element
+//! holds the point. A mesh that overlaps itself without any inverted element (two separate parts pushed into each other) is
+//! not noticed: each of the overlapping elements is a valid answer there.
+
+use rayon::prelude::*;
+
+use super::TetMesh;
+use super::element::{self, Carry, Frame, Kind, Prepared};
+use super::grid::CellGrid;
+use crate::real::Real;
+
+/// No element.
+pub const NONE: u32 = u32::MAX;
+
+/// Elements that a walk visits at most before the grid takes over. Samples move by a few elements from frame to frame, and a
+/// grid look-up costs about as much as this many steps.
+pub const MAX_WALK: u32 = 16;
+
+/// Elements that one task of the update prepares.
+const UPDATE_CHUNK: usize = 2048;
+
+/// The answer to a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit<T> {
+    /// The element that holds the point, or [`NONE`].
+    pub element: u32,
+    /// Its barycentric coordinates, one a corner; 0 where there is no element.
+    pub bary: [T; 4],
+    /// Whether an inverted element holds the point too (or alone): the tissue is folded there.
+    pub folded: bool,
+}
+
+/// What an update found, in elements.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LocatorReport {
+    /// Of negative volume. They are hit, and the hits flagged.
+    pub inverted: usize,
+    /// Without volume, or thinner than four roundings of their coordinates. Never hit.
+    pub flat: usize,
+    /// With a corner that is NaN or infinite. Never hit.
+    pub not_finite: usize,
+}
+
+/// The number of node positions does not match the mesh.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{found} node positions for a mesh of {expected} nodes")]
+pub struct NodeCount {
+    /// Positions given.
+    pub found: usize,
+    /// Nodes of the mesh.
+    pub expected: usize,
+}
+
+/// Locates points among the elements of a mesh whose nodes move.
+///
+/// `T` is `f32` (twin of the shader) or `f64` (gold standard). Updates allocate nothing after construction.
+#[derive(Clone, Debug)]
+pub struct Locator<T> {
+    pub(super) elements: Vec<[u32; 4]>,
+    pub(super) neighbours: Vec<[u32; 4]>,
+    pub(super) frames: Vec<Frame<T>>,
+    pub(super) carries: Vec<Carry<T>>,
+    pub(super) grid: CellGrid<T>,
+    reference: Vec<[f64; 3]>,
+    nodes: Vec<[T; 3]>,
+    bounds: Vec<[[T; 3]; 2]>,
+    reaches: Vec<T>,
+    node_reaches: Vec<T>,
+    kinds: Vec<Kind>,
+    report: LocatorReport,
+}
+
+impl<T: Real> Locator<T> {
+    /// A locator for `mesh` in its reference state.
+    pub fn new(mesh: &TetMesh) -> Locator<T> {
+        let count = mesh.elements().len();
+        let mut locator = Locator {
+            elements: mesh.elements().to_vec(),
+            neighbours: mesh.neighbours().to_vec(),
+            frames: vec![[[T::zero(); 4]; 4]; count],
+            carries: vec![[[T::zero(); 4]; 3]; count],
+            grid: CellGrid::new(count),
+            reference: mesh.nodes().to_vec(),
+            nodes: mesh.nodes().iter().map(|node| node.map(T::of)).collect(),
+            bounds: vec![[[T::zero(); 3]; 2]; count],
+            reaches: vec![T::zero(); count],
+            node_reaches: vec![T::zero(); mesh.nodes().len()],
+            kinds: vec![Kind::Flat; count],
+            report: LocatorReport::default(),
+        };
+        locator.prepare();
+        locator
+    }
+
+    /// Moves the nodes to `current` (mm, in the order of the mesh) and prepares the elements anew. NaN and infinite
+    /// positions are allowed: their elements are left out and counted.
+    ///
+    /// # Errors
+    /// [`NodeCount`] where the number of positions is not that of the mesh; the locator is then as it was.
+    pub fn update(&mut self, current: &[[f64; 3]]) -> Result<LocatorReport, NodeCount> {
+        if current.len() != self.nodes.len() {
+            return Err(NodeCount {
+                found: current.len(),
+                expected: self.nodes.len(),
+            });
+        }
+        for (node, position) in self.nodes.iter_mut().zip(current) {
+            *node = position.map(T::of);
+        }
+        self.prepare();
+        Ok(self.report)
+    }
+
+    /// What the last update (or the reference state) holds.
+    pub fn report(&self) -> LocatorReport {
+        self.report
+    }
+
+    /// The element that holds `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once). A `p` that is
+    /// NaN or infinite lies in no element.
+    pub fn locate(&self, p: [T; 3], start: u32) -> Hit<T> {
+        if !p.iter().all(|x| x.is_finite()) {
+            return Hit {
+                element: NONE,
+                bary: [T::zero(); 4],
+                folded: false,
+            };
+        }
+        self.walk(p, start).unwrap_or_else(|| self.scan(p))
+    }
+
+    /// The reference position (mm) of `p` as a point of `element`, by the element's affine map.
+    ///
+    /// # Panics
+    /// If there is no such element.
+    #[inline(always)]
+    pub fn to_reference(&self, element: u32, p: [T; 3]) -> [T; 3] {
+        let index = element as usize;
+        element::carry_to_reference(&self.frames[index], &self.carries[index], p)
+    }
+
+    /// An answer that holds whatever the start, or none.
+    #[inline]
+    fn walk(&self, p: [T; 3], start: u32) -> Option<Hit<T>> {
+        let mut element = start;
+        for _ in 0..MAX_WALK {
+            let frame = self.frames.get(element as usize)?;
+            let bary = element::barycentric(frame, p);
+            let (place, least) = element::least(&bary);
+            let slack = element::slack(frame);
+            if least >= -slack.abs() {
+                let alone = least > element::clear(frame) && slack > T::zero();
+                let tangled = alone && self.grid.any_tangled && self.grid.around(p).1;
+                return (alone && !tangled).then_some(Hit {
+                    element,
+                    bary,
+                    folded: false,
+                });
+            }
+            element = self.neighbours[element as usize][place];
+        }
+        None
+    }
+
+    /// The lowest element that holds `p`, from the list of its cell.
+    fn scan(&self, p: [T; 3]) -> Hit<T> {
+        let (list, tangled) = self.grid.around(p);
+        let mut hit = Hit {
+            element: NONE,
+            bary: [T::zero(); 4],
+            folded: false,
+        };
+        for &element in list {
+            let frame = &self.frames[element as usize];
+            let bary = element::barycentric(frame, p);
+            if element::least(&bary).1 >= -element::slack(frame) {
+                if hit.element == NONE {
+                    hit.element = element;
+                    hit.bary = bary;
+                }
+                hit.folded |= element::is_inverted(frame);
+                if !tangled || hit.folded {
+                    break;
+                }
+            }
+        }
+        hit
+    }
+
+    fn prepare(&mut self) {
+        let Locator {
+            elements,
+            frames,
+            carries,
+            bounds,
+            reaches,
+            kinds,
+            nodes,
+            reference,
+            ..
+        } = self;
+        let chunks = (
+            elements.par_chunks(UPDATE_CHUNK),
+            frames.par_chunks_mut(UPDATE_CHUNK),
+            carries.par_chunks_mut(UPDATE_CHUNK),
+            bounds.par_chunks_mut(UPDATE_CHUNK),
+            reaches.par_chunks_mut(UPDATE_CHUNK),
+            kinds.par_chunks_mut(UPDATE_CHUNK),
+        );
+        chunks
+            .into_par_iter()
+            .for_each(|(elements, frames, carries, bounds, reaches, kinds)| {
+                for (index, corners) in elements.iter().enumerate() {
+                    let corners = corners.map(|node| node as usize);
+                    let Prepared {
+                        frame,
+                        carry,
+                        bounds: around,
+                        reach,
+                        kind,
+                    } = element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
+                    frames[index] = frame;
+                    carries[index] = carry;
+                    bounds[index] = around;
+                    reaches[index] = reach;
+                    kinds[index] = kind;
+                }
+            });
+        self.count();
+        self.set_margins();
+        let kinds = &self.kinds;
+        self.grid
+            .rebuild(&self.nodes, &self.bounds, |element| kinds[element] == Kind::Inverted);
+    }
+
+    fn count(&mut self) {
+        self.report = LocatorReport::default();
+        for kind in &self.kinds {
+            match kind {
+                Kind::Sound => {}
+                Kind::Inverted => self.report.inverted += 1,
+                Kind::Flat => self.report.flat += 1,
+                Kind::NotFinite => self.report.not_finite += 1,
+            }
+        }
+    }
+
+    /// A point is clear of all other elements where it is farther from the faces of its own than any element that shares a
+    /// node with it can reach.
+    fn set_margins(&mut self) {
+        self.node_reaches.fill(T::zero());
+        for (corners, &reach) in self.elements.iter().zip(&self.reaches) {
+            for &node in corners {
+                let node_reach = &mut self.node_reaches[node as usize];
+                *node_reach = node_reach.max(reach);
+            }
+        }
+        let node_reaches = &self.node_reaches;
+        let pairs = (
+            self.elements.par_chunks(UPDATE_CHUNK),
+            self.frames.par_chunks_mut(UPDATE_CHUNK),
+        );
+        pairs.into_par_iter().for_each(|(elements, frames)| {
+            for (corners, frame) in elements.iter().zip(frames) {
+                let reach = corners
+                    .iter()
+                    .fold(T::zero(), |reach, &node| reach.max(node_reaches[node as usize]));
+                element::set_clear(frame, reach);
+            }
+        });
+    }
+}
