@@ -1,5 +1,7 @@
 //! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
 
+pub mod calibration;
 pub mod matrix;
 pub mod pose;
 pub mod probe;
+pub mod trajectory;
