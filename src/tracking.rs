@@ -2,6 +2,7 @@
 
 pub mod calibration;
 pub mod matrix;
+pub mod needle;
 pub mod pose;
 pub mod probe;
 pub mod trajectory;
