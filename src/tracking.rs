@@ -1,5 +1,8 @@
 //! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
 
+pub mod calibration;
 pub mod matrix;
+pub mod needle;
 pub mod pose;
 pub mod probe;
+pub mod trajectory;

@@ -1,0 +1,335 @@
+//! Where the needle is: tip, shaft and how it bends, and its path over time.
+
+mod bending;
+mod path;
+
+pub use bending::BendingConstraint;
+pub use path::NeedlePath;
+
+use nalgebra::{Matrix4, Point3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Diameter of a needle, mm: finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula.
+pub const DIAMETER_MM: [f64; 2] = [0.05, 10.0];
+/// Length of a needle's shaft, mm.
+pub const LENGTH_MM: [f64; 2] = [0.1, 1000.0];
+/// Diameter where a file names none, mm: 18 gauge, a usual core biopsy needle.
+pub const DEFAULT_DIAMETER_MM: f64 = 1.27;
+/// Length where a file names none, mm: a usual biopsy needle.
+pub const DEFAULT_LENGTH_MM: f64 = 150.0;
+
+/// Farthest that a needle may be from the world's origin along an axis, mm.
+const FARTHEST_MM: f64 = super::matrix::FARTHEST_MM;
+
+/// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedlePose {
+    nodes: Vec<Point3<f64>>,
+    diameter_mm: f64,
+}
+
+/// Why a needle cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidNeedle {
+    /// A number outside its range, or not a number.
+    #[error("needle key `{key}` is {found}; expected {low} to {high}")]
+    OutOfRange {
+        /// The key in a needle table.
+        key: &'static str,
+        /// The value given.
+        found: f64,
+        /// Smallest value allowed.
+        low: f64,
+        /// Largest value allowed.
+        high: f64,
+    },
+    /// A point with a NaN, an infinity or an absurd coordinate.
+    #[error("needle key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
+    Point {
+        /// The key in a needle table.
+        key: &'static str,
+        /// The point given, mm.
+        found: [f64; 3],
+    },
+    /// A direction that is zero or not finite.
+    #[error("needle key `{key}` is {found:?}; expected finite numbers that are not all zero")]
+    Direction {
+        /// The key in a needle table.
+        key: &'static str,
+        /// The vector given.
+        found: [f64; 3],
+    },
+    /// Two neighbouring nodes of the shaft, or the tip and the entry point, coincide.
+    #[error("needle: nodes {first} and {} of the shaft coincide; expected distinct points", first + 1)]
+    Coincident {
+        /// The first of the two, from 0 at the hub.
+        first: usize,
+    },
+    /// A shaft of fewer than two nodes.
+    #[error("needle key `nodes_mm` holds {found} points; expected at least 2, hub first")]
+    TooFewNodes {
+        /// Number of nodes given.
+        found: usize,
+    },
+    /// Keys that do not say where the needle is, or say it twice.
+    #[error("a needle needs either `nodes_mm`, or `tip_mm` with one of `entry_mm` and `direction`; found {found}")]
+    Incomplete {
+        /// The keys that are there.
+        found: String,
+    },
+}
+
+impl NeedlePose {
+    /// A straight needle: its tip, the direction that it points in (any length), the length of its shaft and its diameter, mm.
+    pub fn straight(
+        tip_mm: Point3<f64>,
+        direction: Vector3<f64>,
+        length_mm: f64,
+        diameter_mm: f64,
+    ) -> Result<Self, InvalidNeedle> {
+        within("length_mm", length_mm, LENGTH_MM)?;
+        let direction = unit("direction", direction)?;
+        let tip = point("tip_mm", tip_mm.into())?;
+        Self::shaft("tip_mm", vec![tip - direction.scale(length_mm), tip], diameter_mm)
+    }
+
+    /// A needle whose shaft runs straight from node to node, hub first and tip last, mm.
+    pub fn bent(nodes_mm: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
+        Self::shaft("nodes_mm", nodes_mm, diameter_mm)
+    }
+
+    fn shaft(key: &'static str, nodes: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
+        within("diameter_mm", diameter_mm, DIAMETER_MM)?;
+        if nodes.len() < 2 {
+            return Err(InvalidNeedle::TooFewNodes { found: nodes.len() });
+        }
+        for node in &nodes {
+            point(key, (*node).into())?;
+        }
+        let too_close = |pair: &[Point3<f64>]| (pair[1] - pair[0]).norm() < 1e-9;
+        match nodes.windows(2).position(too_close) {
+            Some(first) => Err(InvalidNeedle::Coincident { first }),
+            None => Ok(Self { nodes, diameter_mm }),
+        }
+    }
+
+    /// The tip, mm.
+    pub fn tip_mm(&self) -> Point3<f64> {
+        self.nodes[self.nodes.len() - 1]
+    }
+
+    /// The hub's end of the shaft, mm.
+    pub fn hub_mm(&self) -> Point3<f64> {
+        self.nodes[0]
+    }
+
+    /// Where the tip points.
+    pub fn direction(&self) -> Unit<Vector3<f64>> {
+        Unit::new_normalize(self.tip_mm() - self.nodes[self.nodes.len() - 2])
+    }
+
+    /// The shaft, hub first.
+    pub fn nodes_mm(&self) -> &[Point3<f64>] {
+        &self.nodes
+    }
+
+    /// The straight pieces of the shaft, hub first.
+    pub fn segments_mm(&self) -> impl ExactSizeIterator<Item = [Point3<f64>; 2]> + '_ {
+        self.nodes.windows(2).map(|pair| [pair[0], pair[1]])
+    }
+
+    /// Length of the shaft, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.segments_mm().map(|[a, b]| (b - a).norm()).sum()
+    }
+
+    /// Diameter of the shaft, mm.
+    pub fn diameter_mm(&self) -> f64 {
+        self.diameter_mm
+    }
+
+    /// The needle seen from another frame; `transform` is rigid.
+    pub fn transformed(&self, transform: &Matrix4<f64>) -> Self {
+        Self {
+            nodes: self.nodes.iter().map(|node| transform.transform_point(node)).collect(),
+            diameter_mm: self.diameter_mm,
+        }
+    }
+}
+
+fn within(key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), InvalidNeedle> {
+    if (low..=high).contains(&found) {
+        Ok(())
+    } else {
+        Err(InvalidNeedle::OutOfRange { key, found, low, high })
+    }
+}
+
+fn point(key: &'static str, found: [f64; 3]) -> Result<Point3<f64>, InvalidNeedle> {
+    if found.iter().all(|x| x.abs() <= FARTHEST_MM) {
+        Ok(Point3::from(found))
+    } else {
+        Err(InvalidNeedle::Point { key, found })
+    }
+}
+
+fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, InvalidNeedle> {
+    let scaled = vector / vector.amax();
+    if scaled.iter().all(|x| x.is_finite()) {
+        Ok(Unit::new_normalize(scaled))
+    } else {
+        Err(InvalidNeedle::Direction {
+            key,
+            found: vector.into(),
+        })
+    }
+}
+
+/// A needle as written in a file: `nodes_mm`, or `tip_mm` with `entry_mm` or `direction`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleSpec {
+    /// The tip in the world (LPS), mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tip_mm: Option<[f64; 3]>,
+    /// A point that the shaft passes through on its way to the tip, such as where it enters the skin, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub entry_mm: Option<[f64; 3]>,
+    /// Where the needle points; any length.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// A bent shaft: at least two points, hub first, tip last, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nodes_mm: Option<Vec<[f64; 3]>>,
+    /// Length of a straight shaft, mm (0.1 to 1000). Default 150; not with `nodes_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub diameter_mm: Option<f64>,
+}
+
+impl NeedleSpec {
+    /// The needle.
+    pub fn pose(&self) -> Result<NeedlePose, InvalidNeedle> {
+        let diameter = self.diameter_mm.unwrap_or(DEFAULT_DIAMETER_MM);
+        let length = self.length_mm.unwrap_or(DEFAULT_LENGTH_MM);
+        match (&self.nodes_mm, self.tip_mm, self.entry_mm, self.direction) {
+            (Some(nodes), None, None, None) if self.length_mm.is_none() => {
+                NeedlePose::bent(nodes.iter().copied().map(Point3::from).collect(), diameter)
+            }
+            (None, Some(tip), Some(entry), None) => {
+                let (tip, entry) = (point("tip_mm", tip)?, point("entry_mm", entry)?);
+                if (tip - entry).norm() < 1e-9 {
+                    return Err(InvalidNeedle::Coincident { first: 0 });
+                }
+                NeedlePose::straight(tip, tip - entry, length, diameter)
+            }
+            (None, Some(tip), None, Some(direction)) => {
+                NeedlePose::straight(tip.into(), direction.into(), length, diameter)
+            }
+            _ => Err(InvalidNeedle::Incomplete { found: self.keys() }),
+        }
+    }
+
+    fn keys(&self) -> String {
+        let keys = [
+            ("`nodes_mm`", self.nodes_mm.is_some()),
+            ("`tip_mm`", self.tip_mm.is_some()),
+            ("`entry_mm`", self.entry_mm.is_some()),
+            ("`direction`", self.direction.is_some()),
+            ("`length_mm`", self.length_mm.is_some()),
+        ];
+        let there: Vec<_> = keys.iter().filter(|(_, there)| *there).map(|(key, _)| *key).collect();
+        if there.is_empty() {
+            "none of them".to_owned()
+        } else {
+            there.join(", ")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_straight_needle_runs_back_from_its_tip() {
+        let needle = NeedlePose::straight(Point3::new(1.0, 2.0, 3.0), Vector3::new(0.0, 0.0, -2.0), 90.0, 1.0);
+        let needle = needle.expect("needle");
+        assert_eq!(needle.hub_mm(), Point3::new(1.0, 2.0, 93.0));
+        assert_eq!(needle.direction(), -Vector3::z_axis());
+        assert_eq!((needle.length_mm(), needle.segments_mm().len()), (90.0, 1));
+    }
+
+    #[test]
+    fn a_bent_needle_points_where_its_last_piece_does() {
+        let nodes = [[0.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 80.0, 40.0]].map(Point3::from);
+        let needle = NeedlePose::bent(nodes.to_vec(), 1.0).expect("needle");
+        assert_eq!(needle.length_mm(), 100.0);
+        assert!((needle.direction().into_inner() - Vector3::new(0.0, 0.6, 0.8)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn tables_are_read_and_faults_named() {
+        let read = |text: &str| toml::from_str::<NeedleSpec>(text).expect(text).pose();
+        let needle = read("tip_mm = [0, 40, 0]\nentry_mm = [0, 10, 0]").expect("needle");
+        assert_eq!(
+            (needle.hub_mm(), needle.diameter_mm()),
+            (Point3::new(0.0, -110.0, 0.0), 1.27)
+        );
+        assert!(read("nodes_mm = [[0, 0, 0], [0, 40, 3]]\ndiameter_mm = 0.7").is_ok());
+        let cases = [
+            ("", "none of them"),
+            ("tip_mm = [0, 0, 0]", "found `tip_mm`"),
+            (
+                "nodes_mm = [[0, 0, 0], [1, 0, 0]]\ntip_mm = [0, 0, 0]",
+                "`nodes_mm`, `tip_mm`",
+            ),
+            ("nodes_mm = [[0, 0, 0]]", "holds 1 points"),
+            ("nodes_mm = [[0, 0, 0], [1, 0, 0], [1, 0, 0]]", "nodes 1 and 2"),
+            ("nodes_mm = [[0, 0, nan], [1, 0, 0]]", "`nodes_mm` is [0.0, 0.0, NaN]"),
+            ("tip_mm = [1, 0, 0]\nentry_mm = [1, 0, 0]", "coincide"),
+            ("tip_mm = [nan, 0, 0]\ndirection = [1, 0, 0]", "`tip_mm` is [NaN"),
+            ("tip_mm = [1, 0, 0]\ndirection = [0, 0, 0]", "`direction`"),
+            (
+                "tip_mm = [1, 0, 0]\ndirection = [1, 0, 0]\nlength_mm = 0",
+                "`length_mm` is 0",
+            ),
+            (
+                "tip_mm = [1, 0, 0]\ndirection = [1, 0, 0]\ndiameter_mm = nan",
+                "`diameter_mm` is NaN",
+            ),
+        ];
+        for (text, message) in cases {
+            let error = read(text).expect_err(text).to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        assert!(toml::from_str::<NeedleSpec>("tip = [1, 0, 0]").is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn a_rigid_motion_keeps_length_and_is_undone(
+            angles in prop::array::uniform3(-3.0..3.0f64),
+            shift in prop::array::uniform3(-100.0..100.0f64),
+            bend in -30.0..30.0f64,
+        ) {
+            let nodes = vec![Point3::origin(), Point3::new(0.0, 60.0, 0.0), Point3::new(bend, 100.0, 0.0)];
+            let needle = NeedlePose::bent(nodes, 1.0).expect("needle");
+            let mut motion = nalgebra::Rotation3::from_euler_angles(angles[0], angles[1], angles[2]).to_homogeneous();
+            for row in 0..3 {
+                motion[(row, 3)] = shift[row];
+            }
+            let moved = needle.transformed(&motion);
+            prop_assert!((moved.length_mm() - needle.length_mm()).abs() < 1e-9);
+            let back = moved.transformed(&super::super::matrix::inverse_rigid(&motion));
+            for (a, b) in back.nodes_mm().iter().zip(needle.nodes_mm()) {
+                prop_assert!((a - b).norm() < 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! Needles over time.
+
+use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
+
+use super::{BendingConstraint, InvalidNeedle, NeedlePose, unit};
+use crate::tracking::pose::{InvalidPose, Pose};
+use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory, TrajectoryError};
+
+/// A needle that moves: the path of its tip, whose frame looks (y axis) where the needle points, and what does not change.
+///
+/// CSV paths and keyframes are those of [`Trajectory`] with the tip in place of the array's centre and the needle's direction
+/// in place of the axial one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedlePath {
+    tip: Trajectory,
+    length_mm: f64,
+    diameter_mm: f64,
+    entry: Option<Entry>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Entry {
+    constraint: BendingConstraint,
+    point: Point3<f64>,
+    direction: Unit<Vector3<f64>>,
+}
+
+impl NeedlePath {
+    /// A straight needle of a length and diameter (mm) whose tip follows a trajectory.
+    pub fn new(tip: Trajectory, length_mm: f64, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
+        NeedlePose::straight(Point3::origin(), Vector3::y(), length_mm, diameter_mm)?;
+        Ok(Self {
+            tip,
+            length_mm,
+            diameter_mm,
+            entry: None,
+        })
+    }
+
+    /// Constrains the bending of the part beyond an entry point (mm), which it entered along a direction (any length).
+    pub fn constrained(
+        mut self,
+        constraint: BendingConstraint,
+        entry_mm: Point3<f64>,
+        entry_direction: Vector3<f64>,
+    ) -> Result<Self, InvalidNeedle> {
+        constraint.validate()?;
+        self.entry = Some(Entry {
+            constraint,
+            point: super::point("entry_mm", entry_mm.into())?,
+            direction: unit("entry_direction", entry_direction)?,
+        });
+        Ok(self)
+    }
+
+    /// The path of the tip through timed positions (mm) and directions, turning the shortest way between them.
+    pub fn tip_trajectory(
+        keys: &[(f64, Point3<f64>, Vector3<f64>)],
+        interpolation: Interpolation,
+    ) -> Result<Trajectory, TrajectoryError> {
+        let mut poses: Vec<(f64, Pose)> = Vec::with_capacity(keys.len());
+        for (index, &(time_s, tip, direction)) in keys.iter().enumerate() {
+            let pose: Result<Pose, InvalidPose> = match poses.last() {
+                Some((_, previous)) => previous.turned_to(tip, direction),
+                None => Pose::from_direction(tip, direction, None),
+            };
+            poses.push((time_s, pose.map_err(|source| TrajectoryError::Pose { index, source })?));
+        }
+        Trajectory::from_keys(poses, interpolation)
+    }
+
+    /// The path of the tip from recorded frames of a tracked needle. `tip_to_tool` gives the tip's frame in that of the
+    /// marker on the needle, and `shaft_axis` the direction that the needle points in within the tip's frame, from hub to
+    /// tip: PLUS models its needles along the tip frame's -z behind the tip, so +z.
+    pub fn tip_from_tracked(
+        frames: &[TrackedFrame],
+        tip_to_tool: &Matrix4<f64>,
+        shaft_axis: Vector3<f64>,
+        tracker_to_world: &Matrix4<f64>,
+        interpolation: Interpolation,
+    ) -> Result<Trajectory, TrajectoryError> {
+        let axis = Unit::try_new(shaft_axis, 1e-9).ok_or(TrajectoryError::Pose {
+            index: 0,
+            source: InvalidPose::Vector {
+                key: "shaft_axis",
+                found: shaft_axis.into(),
+            },
+        })?;
+        let turn = Rotation3::rotation_between(&Vector3::y(), &axis)
+            .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+        Trajectory::from_tracked(
+            frames,
+            &(tip_to_tool * turn.to_homogeneous()),
+            tracker_to_world,
+            interpolation,
+        )
+    }
+
+    /// The path of the tip.
+    pub fn tip(&self) -> &Trajectory {
+        &self.tip
+    }
+
+    /// The needle at a time, s; where it is at the path's ends beyond them.
+    pub fn at(&self, time_s: f64) -> NeedlePose {
+        let pose = self.tip.at(time_s);
+        let tip = pose.position_mm();
+        let measured = NeedlePose {
+            nodes: vec![tip - pose.axial().scale(self.length_mm), tip],
+            diameter_mm: self.diameter_mm,
+        };
+        match &self.entry {
+            Some(entry) => entry.constraint.constrain(&measured, entry.point, &entry.direction),
+            None => measured,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_needle_turns_along_the_great_circle() {
+        let keys = [
+            (0.0, Point3::origin(), Vector3::y()),
+            (1.0, Point3::new(0.0, 10.0, 0.0), Vector3::z()),
+        ];
+        let tip = NeedlePath::tip_trajectory(&keys, Interpolation::Linear).expect("path");
+        let path = NeedlePath::new(tip, 100.0, 1.0).expect("needle");
+        let needle = path.at(0.5);
+        assert!((needle.tip_mm() - Point3::new(0.0, 5.0, 0.0)).norm() < 1e-12);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        assert!((needle.direction().into_inner() - Vector3::new(0.0, half, half)).norm() < 1e-12);
+        assert!((needle.length_mm() - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_tracked_needle_points_along_its_shaft_axis() {
+        let shift = Matrix4::new_translation(&Vector3::new(5.0, 0.0, 0.0));
+        let frames = [TrackedFrame {
+            time_s: Some(0.0),
+            tool_to_tracker: Some(shift),
+        }];
+        for axis in [Vector3::z(), -Vector3::y(), Vector3::new(1.0, 2.0, 3.0)] {
+            let tip = NeedlePath::tip_from_tracked(&frames, &shift, axis, &shift, Interpolation::Linear).expect("path");
+            let needle = NeedlePath::new(tip, 100.0, 1.0).expect("needle").at(0.0);
+            assert!((needle.direction().into_inner() - axis.normalize()).norm() < 1e-9);
+            assert!((needle.tip_mm() - Point3::new(15.0, 0.0, 0.0)).norm() < 1e-12);
+        }
+        let zero = NeedlePath::tip_from_tracked(&frames, &shift, Vector3::zeros(), &shift, Interpolation::Linear);
+        assert!(matches!(zero, Err(TrajectoryError::Pose { .. })));
+    }
+
+    #[test]
+    fn a_constrained_path_bends_at_the_entry_point() {
+        let keys = [(0.0, Point3::new(30.0, 100.0, 0.0), Vector3::new(0.3, 1.0, 0.0))];
+        let tip = NeedlePath::tip_trajectory(&keys, Interpolation::Linear).expect("path");
+        let path = NeedlePath::new(tip, 200.0, 1.0)
+            .and_then(|path| path.constrained(BendingConstraint::default(), Point3::origin(), Vector3::y()))
+            .expect("needle");
+        assert_eq!(path.at(0.0).nodes_mm()[1], Point3::origin());
+    }
+
+    #[test]
+    fn faults_are_typed() {
+        let still = Trajectory::fixed(Pose::identity());
+        assert!(matches!(
+            NeedlePath::new(still.clone(), f64::NAN, 1.0),
+            Err(InvalidNeedle::OutOfRange { key: "length_mm", .. })
+        ));
+        let path = NeedlePath::new(still, 100.0, 1.0).expect("needle");
+        let nowhere = path.constrained(
+            BendingConstraint::default(),
+            Point3::new(f64::NAN, 0.0, 0.0),
+            Vector3::y(),
+        );
+        assert!(matches!(nowhere, Err(InvalidNeedle::Point { key: "entry_mm", .. })));
+        let nan = [(0.0, Point3::origin(), Vector3::new(f64::NAN, 0.0, 0.0))];
+        assert!(NeedlePath::tip_trajectory(&nan, Interpolation::Linear).is_err());
+    }
+}

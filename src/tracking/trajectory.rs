@@ -1,0 +1,412 @@
+//! Poses over time: keyframes, CSV paths and tracked sequences.
+
+mod csv_path;
+mod tracked;
+
+pub use csv_path::CsvError;
+pub use tracked::{SkipReason, Skipped, TrackedFrame};
+
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::matrix::{NotRigid, Rows};
+use super::pose::{InvalidPose, Pose, PoseSpec};
+
+/// How positions run between keyframes. Rotations always turn the shortest way at constant speed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// Straight lines.
+    #[default]
+    Linear,
+    /// A Catmull-Rom spline through every keyframe, with tangents that respect uneven times.
+    CatmullRom,
+}
+
+/// One pose of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// When, s.
+    pub time_s: f64,
+    /// Where.
+    pub pose: Pose,
+    /// Which keyframe, CSV row or frame of the source it comes from, from 0.
+    pub source: usize,
+}
+
+/// Poses in order of time; at least one.
+///
+/// ```
+/// use insonify::tracking::pose::Pose;
+/// use insonify::tracking::trajectory::{Interpolation, Trajectory};
+/// use nalgebra::{Point3, UnitQuaternion};
+///
+/// let at = |x| Pose::from_rotation(Point3::new(x, 0.0, 0.0), &UnitQuaternion::identity());
+/// let sweep = Trajectory::from_keys([(0.0, at(0.0)?), (2.0, at(30.0)?)], Interpolation::Linear)?;
+/// assert!((sweep.at(1.0).position_mm().x - 15.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    keys: Vec<Key>,
+    interpolation: Interpolation,
+    skipped: Vec<Skipped>,
+    repeated: usize,
+}
+
+/// Why a trajectory cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum TrajectoryError {
+    /// No poses at all.
+    #[error("a trajectory without poses; expected at least one")]
+    Empty,
+    /// A time is NaN, infinite or absurd.
+    #[error("keyframe {index}: `time_s` is {found}; expected a finite number of at most 1e9")]
+    Time {
+        /// Which keyframe, from 0.
+        index: usize,
+        /// The time, s.
+        found: f64,
+    },
+    /// Times run backwards or stand still.
+    #[error("keyframe {index}: `time_s` is {found}; expected more than {previous}, the time before it")]
+    Order {
+        /// Which keyframe, from 0.
+        index: usize,
+        /// Its time, s.
+        found: f64,
+        /// The time before it, s.
+        previous: f64,
+    },
+    /// A keyframe's pose is wrong.
+    #[error("keyframe {index}: {source}")]
+    Pose {
+        /// Which keyframe, from 0.
+        index: usize,
+        /// What is wrong with it.
+        source: InvalidPose,
+    },
+    /// A CSV path cannot be read.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
+    /// A transform that places the tracked frames is not rigid.
+    #[error("{which} transform: {source}")]
+    Transform {
+        /// Which transform.
+        which: &'static str,
+        /// What is wrong with it.
+        source: NotRigid,
+    },
+    /// A tracked sequence in which no frame has a valid pose.
+    #[error("none of {frames} frames has a valid pose; the first: {first}")]
+    NoValidPose {
+        /// Frames in the sequence.
+        frames: usize,
+        /// Why the first was skipped.
+        first: SkipReason,
+    },
+}
+
+/// Largest time, s.
+const LATEST_S: f64 = 1e9;
+
+impl Trajectory {
+    /// A probe that stays where it is.
+    pub fn fixed(pose: Pose) -> Self {
+        Self {
+            keys: vec![Key {
+                time_s: 0.0,
+                pose,
+                source: 0,
+            }],
+            interpolation: Interpolation::Linear,
+            skipped: Vec::new(),
+            repeated: 0,
+        }
+    }
+
+    /// A trajectory through poses at strictly increasing times, s.
+    pub fn from_keys(
+        keys: impl IntoIterator<Item = (f64, Pose)>,
+        interpolation: Interpolation,
+    ) -> Result<Self, TrajectoryError> {
+        let mut checked: Vec<Key> = Vec::new();
+        for (source, (time_s, pose)) in keys.into_iter().enumerate() {
+            check_time(source, time_s, checked.last().map(|key| key.time_s))?;
+            checked.push(Key { time_s, pose, source });
+        }
+        if checked.is_empty() {
+            return Err(TrajectoryError::Empty);
+        }
+        Ok(Self {
+            keys: checked,
+            interpolation,
+            skipped: Vec::new(),
+            repeated: 0,
+        })
+    }
+
+    /// A trajectory through the keyframes of a scene file. A direction without `lateral` is reached by the shortest turn from
+    /// the keyframe before it.
+    pub fn from_keyframes(keyframes: &[KeyframeSpec], interpolation: Interpolation) -> Result<Self, TrajectoryError> {
+        let mut keys: Vec<(f64, Pose)> = Vec::with_capacity(keyframes.len());
+        for (index, keyframe) in keyframes.iter().enumerate() {
+            let pose = keyframe
+                .pose()
+                .pose(keys.last().map(|(_, pose)| pose))
+                .map_err(|source| TrajectoryError::Pose { index, source })?;
+            keys.push((keyframe.time_s, pose));
+        }
+        Self::from_keys(keys, interpolation)
+    }
+
+    /// The poses, in order of time.
+    pub fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    /// Time of the first pose, s.
+    pub fn start_s(&self) -> f64 {
+        self.keys[0].time_s
+    }
+
+    /// Time of the last pose, s.
+    pub fn end_s(&self) -> f64 {
+        self.keys[self.keys.len() - 1].time_s
+    }
+
+    /// The time of frame `frame` of `frames` spread evenly from the first pose to the last, s; the first pose's for one frame.
+    pub fn time_of(&self, frame: usize, frames: usize) -> f64 {
+        let gaps = frames.saturating_sub(1).max(1) as f64;
+        let share = (frame as f64 / gaps).min(1.0);
+        self.start_s() * (1.0 - share) + self.end_s() * share
+    }
+
+    /// The pose at a time, s; the first or the last one beyond the ends.
+    pub fn at(&self, time_s: f64) -> Pose {
+        let after = self.keys.partition_point(|key| key.time_s <= time_s);
+        let Some(before) = after.checked_sub(1) else {
+            return self.keys[0].pose;
+        };
+        let (Some(a), Some(b)) = (self.keys.get(before), self.keys.get(after)) else {
+            return self.keys[self.keys.len() - 1].pose;
+        };
+        if time_s == a.time_s {
+            return a.pose;
+        }
+        let share = (time_s - a.time_s) / (b.time_s - a.time_s);
+        let position = match self.interpolation {
+            Interpolation::Linear => a.pose.position_mm().coords.lerp(&b.pose.position_mm().coords, share),
+            Interpolation::CatmullRom => self.spline(before, share),
+        };
+        let rotation = a.pose.rotation();
+        let rotation = rotation.try_slerp(&b.pose.rotation(), share, 1e-12).unwrap_or(rotation);
+        Pose::from_rotation(Point3::from(position), &rotation).unwrap_or(a.pose)
+    }
+
+    /// Cubic Hermite curve between keys `before` and `before + 1` whose tangents are the slopes between their neighbours.
+    fn spline(&self, before: usize, share: f64) -> Vector3<f64> {
+        let point = |key: usize| self.keys[key].pose.position_mm().coords;
+        let slope = |key: usize| {
+            let (low, high) = (key.saturating_sub(1), (key + 1).min(self.keys.len() - 1));
+            (point(high) - point(low)) / (self.keys[high].time_s - self.keys[low].time_s)
+        };
+        let span = self.keys[before + 1].time_s - self.keys[before].time_s;
+        let (s, s2, s3) = (share, share * share, share * share * share);
+        point(before) * (2.0 * s3 - 3.0 * s2 + 1.0)
+            + slope(before) * (span * (s3 - 2.0 * s2 + s))
+            + point(before + 1) * (3.0 * s2 - 2.0 * s3)
+            + slope(before + 1) * (span * (s3 - s2))
+    }
+
+    /// The frames of a tracked sequence that were left out, with the reason for each.
+    pub fn skipped(&self) -> &[Skipped] {
+        &self.skipped
+    }
+
+    /// Frames of a tracked sequence whose pose equals the one before bit for bit: a tool at rest, or a tracker that has stalled.
+    pub fn repeated(&self) -> usize {
+        self.repeated
+    }
+}
+
+fn check_time(index: usize, time_s: f64, previous: Option<f64>) -> Result<(), TrajectoryError> {
+    if !(time_s.abs() <= LATEST_S) {
+        return Err(TrajectoryError::Time { index, found: time_s });
+    }
+    match previous {
+        Some(previous) if time_s <= previous => Err(TrajectoryError::Order {
+            index,
+            found: time_s,
+            previous,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// A timed pose as written in a file: [`PoseSpec`] with a time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KeyframeSpec {
+    /// When, s; later than the keyframe before it.
+    pub time_s: f64,
+    /// Centre of the array in the world (LPS), mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<[f64; 3]>,
+    /// Where the probe looks (axial direction) in the world; any length.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// Hint for the side of the marker in the world. Default: carried on from the keyframe before by the shortest turn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lateral: Option<[f64; 3]>,
+    /// Turn about the axial direction, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotate_deg: Option<f64>,
+    /// Turn within the image plane, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rock_deg: Option<f64>,
+    /// Turn out of the image plane, degrees. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<f64>,
+    /// Probe-to-world transform, mm: rigid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<Rows>,
+}
+
+impl KeyframeSpec {
+    /// The pose without its time.
+    pub fn pose(&self) -> PoseSpec {
+        PoseSpec {
+            position_mm: self.position_mm,
+            direction: self.direction,
+            lateral: self.lateral,
+            rotate_deg: self.rotate_deg,
+            rock_deg: self.rock_deg,
+            tilt_deg: self.tilt_deg,
+            matrix: self.matrix,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn at(position: [f64; 3], angle: f64) -> Pose {
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+        Pose::from_rotation(position.into(), &rotation).expect("pose")
+    }
+
+    fn bent(interpolation: Interpolation) -> Trajectory {
+        let keys = [
+            (0.0, at([0.0, 0.0, 0.0], 0.0)),
+            (1.0, at([10.0, 0.0, 0.0], 1.0)),
+            (3.0, at([10.0, 20.0, 0.0], -1.0)),
+            (3.5, at([0.0, 20.0, 5.0], 3.0)),
+        ];
+        Trajectory::from_keys(keys, interpolation).expect("trajectory")
+    }
+
+    #[test]
+    fn keys_are_met_and_ends_are_held() {
+        for interpolation in [Interpolation::Linear, Interpolation::CatmullRom] {
+            let path = bent(interpolation);
+            for key in path.keys() {
+                let pose = path.at(key.time_s);
+                assert!((pose.probe_to_world() - key.pose.probe_to_world()).amax() < 1e-12);
+                let just_before = path.at(key.time_s - 1e-9);
+                assert!((just_before.probe_to_world() - key.pose.probe_to_world()).amax() < 1e-6);
+            }
+            assert_eq!(path.at(-5.0), path.keys()[0].pose);
+            assert_eq!(path.at(99.0), path.keys()[3].pose);
+            assert_eq!(path.at(f64::NAN), path.keys()[0].pose);
+        }
+    }
+
+    #[test]
+    fn rotations_turn_at_constant_speed() {
+        let path = bent(Interpolation::Linear);
+        let turned = path.at(0.25).rotation().angle();
+        assert!((turned - 0.25).abs() < 1e-12, "{turned}");
+    }
+
+    #[test]
+    fn the_spline_has_no_corner_and_reproduces_uniform_motion() {
+        let path = bent(Interpolation::CatmullRom);
+        let velocity = |t: f64, h: f64| (path.at(t + h).position_mm() - path.at(t).position_mm()) / h;
+        let jump = (velocity(1.0, 1e-6) - velocity(1.0, -1e-6)).norm();
+        assert!(jump < 1e-3, "{jump}");
+        let straight = [0.0, 0.3, 2.0, 2.1].map(|t| (t, at([5.0 * t, -t, 2.0], 0.0)));
+        let straight = Trajectory::from_keys(straight, Interpolation::CatmullRom).expect("trajectory");
+        for step in 0..=21 {
+            let t = f64::from(step) / 10.0;
+            let expected = Point3::new(5.0 * t, -t, 2.0);
+            assert!((straight.at(t).position_mm() - expected).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn half_a_turn_between_keys_stays_finite() {
+        let keys = [(0.0, at([0.0; 3], 0.0)), (1.0, at([0.0; 3], std::f64::consts::PI))];
+        let path = Trajectory::from_keys(keys, Interpolation::Linear).expect("trajectory");
+        assert!((path.at(0.5).rotation().angle() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn frames_are_spread_from_end_to_end() {
+        let path = bent(Interpolation::Linear);
+        assert_eq!([0, 1, 2].map(|frame| path.time_of(frame, 3)), [0.0, 1.75, 3.5]);
+        assert_eq!(path.time_of(0, 1), 0.0);
+        assert_eq!(Trajectory::fixed(Pose::identity()).time_of(7, 8), 0.0);
+    }
+
+    #[test]
+    fn times_must_increase_and_be_numbers() {
+        let make = |times: &[f64]| {
+            let keys: Vec<_> = times.iter().map(|&t| (t, Pose::identity())).collect();
+            Trajectory::from_keys(keys, Interpolation::Linear)
+        };
+        assert!(matches!(make(&[]), Err(TrajectoryError::Empty)));
+        assert!(matches!(
+            make(&[0.0, f64::NAN]),
+            Err(TrajectoryError::Time { index: 1, .. })
+        ));
+        assert!(matches!(
+            make(&[0.0, 1.0, 1.0]),
+            Err(TrajectoryError::Order { index: 2, .. })
+        ));
+        assert!(matches!(make(&[1e10]), Err(TrajectoryError::Time { index: 0, .. })));
+    }
+
+    #[test]
+    fn keyframes_without_lateral_carry_the_marked_side_on() {
+        #[derive(Deserialize)]
+        struct Path {
+            keyframes: Vec<KeyframeSpec>,
+        }
+        let text = "keyframes = [
+            { time_s = 0, position_mm = [0, 0, 0], direction = [0, 1, 0], lateral = [0, 0, 1] },
+            { time_s = 1, position_mm = [5, 0, 0], direction = [1, 1, 0] },
+        ]";
+        let path: Path = toml::from_str(text).expect("toml");
+        let path = Trajectory::from_keyframes(&path.keyframes, Interpolation::Linear).expect("trajectory");
+        assert!((path.at(1.0).lateral().into_inner() - Vector3::z()).norm() < 1e-12);
+        let broken: Path = toml::from_str("keyframes = [{ time_s = 0, direction = [0, 1, 0] }]").expect("toml");
+        let error = Trajectory::from_keyframes(&broken.keyframes, Interpolation::Linear).expect_err("incomplete");
+        assert!(matches!(error, TrajectoryError::Pose { index: 0, .. }), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn every_pose_on_the_way_is_rigid(t in -1.0..5.0f64, spline in any::<bool>()) {
+            let path = bent(if spline { Interpolation::CatmullRom } else { Interpolation::Linear });
+            let pose = path.at(t);
+            let axes = pose.probe_to_world().fixed_view::<3, 3>(0, 0).into_owned();
+            prop_assert!((axes.transpose() * axes - nalgebra::Matrix3::identity()).amax() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,380 @@
+//! Paths in CSV files: one timed pose a row.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Matrix4, Point3, Vector3};
+
+use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
+use crate::tracking::pose::{InvalidPose, Pose};
+
+const POSITION: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
+const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+const DIRECTION: [&str; 3] = ["dx", "dy", "dz"];
+const LATERAL: [&str; 3] = ["lx", "ly", "lz"];
+const MATRIX: [&str; 16] = [
+    "m00", "m01", "m02", "m03", "m10", "m11", "m12", "m13", "m20", "m21", "m22", "m23", "m30", "m31", "m32", "m33",
+];
+
+/// The columns that a path may have, for error messages.
+const EXPECTED: &str = "time_s with x_mm, y_mm, z_mm and either qw, qx, qy, qz or dx, dy, dz (and lx, ly, lz), or time_s with m00 to m33 row by row";
+
+/// Why a CSV path cannot be read. Lines count from 1.
+#[derive(Debug, thiserror::Error)]
+pub enum CsvError {
+    /// The file cannot be opened or read.
+    #[error("cannot read `{}`: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The text is not a CSV table: a row of another length, or bytes that are not UTF-8.
+    #[error("`{}`, line {line}: {found}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: u64,
+        /// What was found, and what was expected.
+        found: String,
+    },
+    /// A column that means nothing here, or one given twice.
+    #[error("`{}`, line 1: column `{column}` is {problem}; expected {EXPECTED}", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// Its name in the header.
+        column: String,
+        /// `unknown`, `given twice` or `missing`.
+        problem: &'static str,
+    },
+    /// A cell that is not a finite number.
+    #[error("`{}`, line {line}, column `{column}`: found `{found}`; expected a finite number", path.display())]
+    Number {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: u64,
+        /// The column's name.
+        column: &'static str,
+        /// The cell.
+        found: String,
+    },
+    /// A row whose numbers make no pose.
+    #[error("`{}`, line {line}: {source}", path.display())]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: u64,
+        /// What is wrong with it.
+        source: InvalidPose,
+    },
+    /// A row whose time does not follow the one before.
+    #[error("`{}`, line {line}: `time_s` is {found}; expected a time after {previous}", path.display())]
+    Order {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: u64,
+        /// Its time, s.
+        found: f64,
+        /// The time before it, s (minus infinity for the first row, whose time is then absurd).
+        previous: f64,
+    },
+}
+
+#[derive(Clone, Copy)]
+enum Orientation {
+    Quaternion,
+    Direction,
+    DirectionAndLateral,
+    Matrix,
+}
+
+struct Columns {
+    orientation: Orientation,
+    /// Each column that is used: its name and its place in a row.
+    places: Vec<(&'static str, usize)>,
+}
+
+impl Trajectory {
+    /// Reads a path from a CSV file with a header row. Columns, in any order: `time_s`, then either `x_mm`, `y_mm`, `z_mm`
+    /// with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`, `ly`, `lz`),
+    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are LPS mm. Without a hint each row turns the shortest way
+    /// from the one before. Lines that start with `#` are comments.
+    pub fn from_csv(path: &Path, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
+        let file = File::open(path).map_err(|source| CsvError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::from_csv_reader(file, path, interpolation)
+    }
+
+    /// As [`Trajectory::from_csv`], from any source; `path` names it in errors.
+    pub fn from_csv_reader(
+        source: impl Read,
+        path: &Path,
+        interpolation: Interpolation,
+    ) -> Result<Self, TrajectoryError> {
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_reader(source);
+        let columns = Columns::from_header(reader.headers().map_err(|error| table_error(path, error))?, path)?;
+        let mut keys: Vec<Key> = Vec::new();
+        for (row, record) in reader.records().enumerate() {
+            let record = record.map_err(|error| table_error(path, error))?;
+            let line = record.position().map_or(0, csv::Position::line);
+            let previous = keys.last();
+            let (time_s, pose) = columns.read(&record, line, path, previous.map(|key| &key.pose))?;
+            if check_time(row, time_s, previous.map(|key| key.time_s)).is_err() {
+                return Err(CsvError::Order {
+                    path: path.to_owned(),
+                    line,
+                    found: time_s,
+                    previous: previous.map_or(f64::NEG_INFINITY, |key| key.time_s),
+                }
+                .into());
+            }
+            keys.push(Key {
+                time_s,
+                pose,
+                source: row,
+            });
+        }
+        if keys.is_empty() {
+            return Err(CsvError::Table {
+                path: path.to_owned(),
+                line: 1,
+                found: "no rows after the header; expected at least one pose".into(),
+            }
+            .into());
+        }
+        Ok(Self {
+            keys,
+            interpolation,
+            skipped: Vec::new(),
+            repeated: 0,
+        })
+    }
+}
+
+impl Columns {
+    fn from_header(header: &csv::StringRecord, path: &Path) -> Result<Self, CsvError> {
+        let problem = |column: &str, problem| CsvError::Column {
+            path: path.to_owned(),
+            column: column.to_owned(),
+            problem,
+        };
+        let known = || {
+            POSITION
+                .iter()
+                .chain(&QUATERNION)
+                .chain(&DIRECTION)
+                .chain(&LATERAL)
+                .chain(&MATRIX)
+        };
+        let mut places: Vec<(&'static str, usize)> = Vec::new();
+        for (place, name) in header.iter().enumerate() {
+            let Some(&name) = known().find(|known| **known == name) else {
+                return Err(problem(name, "unknown"));
+            };
+            if places.iter().any(|&(other, _)| other == name) {
+                return Err(problem(name, "given twice"));
+            }
+            places.push((name, place));
+        }
+        let has = |name: &str| places.iter().any(|&(other, _)| other == name);
+        let any = |names: &[&str]| names.iter().any(|name| has(name));
+        let (orientation, needed): (Orientation, Vec<&str>) = if any(&MATRIX) {
+            (Orientation::Matrix, [&["time_s"][..], &MATRIX].concat())
+        } else if any(&QUATERNION) {
+            (Orientation::Quaternion, [&POSITION[..], &QUATERNION].concat())
+        } else if any(&LATERAL) {
+            (
+                Orientation::DirectionAndLateral,
+                [&POSITION[..], &DIRECTION, &LATERAL].concat(),
+            )
+        } else {
+            (Orientation::Direction, [&POSITION[..], &DIRECTION].concat())
+        };
+        if let Some(missing) = needed.iter().find(|name| !has(name)) {
+            return Err(problem(missing, "missing"));
+        }
+        match places.iter().find(|(name, _)| !needed.contains(name)) {
+            Some((name, _)) => Err(problem(name, "one too many for this way to give a pose")),
+            None => Ok(Self { orientation, places }),
+        }
+    }
+
+    fn read(
+        &self,
+        record: &csv::StringRecord,
+        line: u64,
+        path: &Path,
+        previous: Option<&Pose>,
+    ) -> Result<(f64, Pose), CsvError> {
+        let number = |column: &'static str| {
+            let place = self.places.iter().find(|(name, _)| *name == column);
+            let cell = place.and_then(|&(_, place)| record.get(place)).unwrap_or_default();
+            match cell.parse::<f64>() {
+                Ok(number) if number.is_finite() => Ok(number),
+                _ => Err(CsvError::Number {
+                    path: path.to_owned(),
+                    line,
+                    column,
+                    found: cell.to_owned(),
+                }),
+            }
+        };
+        let three = |names: [&'static str; 3]| -> Result<Vector3<f64>, CsvError> {
+            Ok(Vector3::new(number(names[0])?, number(names[1])?, number(names[2])?))
+        };
+        let time_s = number("time_s")?;
+        let position = || Ok(Point3::from(three(["x_mm", "y_mm", "z_mm"])?));
+        let pose = match self.orientation {
+            Orientation::Quaternion => {
+                let [qw, qx, qy, qz] = QUATERNION;
+                Pose::from_quaternion(position()?, [number(qw)?, number(qx)?, number(qy)?, number(qz)?])
+            }
+            Orientation::DirectionAndLateral => {
+                Pose::from_direction(position()?, three(DIRECTION)?, Some(three(LATERAL)?))
+            }
+            Orientation::Direction => match previous {
+                Some(previous) => previous.turned_to(position()?, three(DIRECTION)?),
+                None => Pose::from_direction(position()?, three(DIRECTION)?, None),
+            },
+            Orientation::Matrix => {
+                let mut matrix = Matrix4::zeros();
+                for (entry, name) in MATRIX.into_iter().enumerate() {
+                    matrix[(entry / 4, entry % 4)] = number(name)?;
+                }
+                Pose::from_matrix(&matrix)
+            }
+        };
+        pose.map(|pose| (time_s, pose)).map_err(|source| CsvError::Pose {
+            path: path.to_owned(),
+            line,
+            source,
+        })
+    }
+}
+
+fn table_error(path: &Path, error: csv::Error) -> CsvError {
+    let path = path.to_owned();
+    let line = error.position().map_or(1, csv::Position::line);
+    let found = match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{len} cells; expected {expected_len}, as in the header")
+        }
+        csv::ErrorKind::Utf8 { err, .. } => format!("cell {} is not UTF-8 text", err.field() + 1),
+        _ => error.to_string(),
+    };
+    match error.into_kind() {
+        csv::ErrorKind::Io(source) => CsvError::Read { path, source },
+        _ => CsvError::Table { path, line, found },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn parse(text: &str) -> Result<Trajectory, TrajectoryError> {
+        Trajectory::from_csv_reader(text.as_bytes(), Path::new("path.csv"), Interpolation::Linear)
+    }
+
+    #[test]
+    fn all_ways_to_give_a_pose_agree() {
+        let texts = [
+            "\u{feff}time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n# half a turn about y\n0.5, 1,2,3, 0,0,1,0\n",
+            "z_mm,y_mm,x_mm,time_s,dx,dy,dz,lx,ly,lz\r\n3,2,1,0.5,0,1,0,-1,0,0\r\n",
+            "time_s,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23,m30,m31,m32,m33\n0.5,-1,0,0,1,0,1,0,2,0,0,-1,3,0,0,0,1",
+        ];
+        let poses = texts.map(|text| parse(text).expect(text));
+        for path in &poses {
+            assert_eq!(path.keys().len(), 1);
+            assert_eq!(path.start_s(), 0.5);
+            let difference = path.keys()[0].pose.probe_to_world() - poses[2].keys()[0].pose.probe_to_world();
+            assert!(difference.amax() < 1e-12, "{difference}");
+        }
+    }
+
+    #[test]
+    fn errors_name_line_and_column() {
+        let head = "time_s,x_mm,y_mm,z_mm,dx,dy,dz\n";
+        let cases = [
+            (
+                format!("{head}0,0,0,0,0,1,0\n1,0,zero,0,0,1,0"),
+                "line 3, column `y_mm`: found `zero`",
+            ),
+            (format!("{head}0,nan,0,0,0,1,0"), "line 2, column `x_mm`: found `nan`"),
+            (format!("{head}0,0,0,0,0,1"), "line 2: 6 cells; expected 7"),
+            (format!("{head}0,0,0,0,0,0,0"), "line 2: pose key `direction`"),
+            (
+                format!("{head}0,0,0,0,0,1,0\n0,0,0,0,0,1,0"),
+                "line 3: `time_s` is 0; expected a time after 0",
+            ),
+            (head.to_owned(), "no rows"),
+            (String::new(), "column `time_s` is missing"),
+            ("time_s,x,y_mm".to_owned(), "column `x` is unknown"),
+            ("time_s,time_s".to_owned(), "column `time_s` is given twice"),
+            ("time_s,x_mm,y_mm,z_mm,qw,qx,qy\n".to_owned(), "column `qz` is missing"),
+            (
+                "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,lx\n".to_owned(),
+                "column `lx` is one too many",
+            ),
+            (
+                "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,0,0,0,0,0".to_owned(),
+                "line 2: quaternion",
+            ),
+        ];
+        for (text, message) in cases {
+            let error = parse(&text).expect_err(&text).to_string();
+            assert!(
+                error.contains(message) && error.contains("path.csv"),
+                "{error}\nexpected {message}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = Trajectory::from_csv(Path::new("/nowhere/sweep.csv"), Interpolation::Linear).expect_err("missing");
+        assert!(matches!(error, TrajectoryError::Csv(CsvError::Read { .. })));
+        assert!(error.to_string().contains("/nowhere/sweep.csv"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_gives_a_path_or_an_error(text in "[time_sxyqwdlmn0-9,.\n\" #-]{0,200}") {
+            let _ = parse(&text);
+        }
+
+        #[test]
+        fn any_bytes_after_a_header_give_a_path_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+            let mut text = b"time_s,x_mm,y_mm,z_mm,dx,dy,dz\n0,0,0,0,0,1,0\n".to_vec();
+            text.extend(bytes);
+            let _ = Trajectory::from_csv_reader(text.as_slice(), Path::new("x"), Interpolation::Linear);
+        }
+
+        #[test]
+        fn written_quaternions_read_back(w in 0.1..1.0f64, x in -1.0..1.0f64, y in -1.0..1.0f64, z in -1.0..1.0f64) {
+            let n = (w * w + x * x + y * y + z * z).sqrt();
+            let text = format!(
+                "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,{x},{y},{z},{},{},{},{}\n", w / n, x / n, y / n, z / n,
+            );
+            let pose = parse(&text).expect("path").keys()[0].pose;
+            prop_assert_eq!(pose.position_mm(), Point3::new(x, y, z));
+            let rotation = pose.rotation();
+            let dot = (rotation.w * w + rotation.i * x + rotation.j * y + rotation.k * z) / n;
+            prop_assert!((dot.abs() - 1.0).abs() < 1e-9);
+        }
+    }
+}
