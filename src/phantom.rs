@@ -1,1 +1,161 @@
-//! Labelled volumes made from code.
+//! Labelled volumes made from code: anatomy built from smooth solids, the same bytes for the same seed.
+//!
+//! World coordinates are LPS millimetres with the origin inside the body. Label 0 is the outside; the other labels carry
+//! the names of the tissues they are made of, so that a tissue table needs no mapping.
+
+mod abdomen;
+mod dent;
+mod geometry;
+mod noise;
+mod paint;
+mod prostate;
+mod spine;
+mod two_layer;
+mod vessels;
+
+use nalgebra::{Matrix4, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::volume::{InvalidVolume, LabelVolume};
+
+/// Finest and coarsest resolution, mm.
+pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
+
+/// Most voxels of a phantom: one byte each, so 256 MiB.
+pub const MAX_VOXELS: usize = 256 << 20;
+
+/// A phantom.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Phantom {
+    /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,
+    /// bowel with gas. 240 x 200 x 220 mm, 1 mm voxels by default.
+    #[default]
+    Abdomen,
+    /// Male pelvis around the prostate, with a rectum that holds a transrectal probe in gel. 110 x 110 x 110 mm, 0.6 mm
+    /// voxels by default.
+    Prostate,
+    /// Lumbar spine L2 to L5 with the muscles behind it. 160 x 130 x 170 mm, 0.8 mm voxels by default.
+    Spine,
+    /// The inclusion phantom of paper 3: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
+    /// 0.5 mm voxels by default.
+    TwoLayer,
+}
+
+/// How a phantom is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PhantomOptions {
+    /// Edge of a voxel, mm ([`RESOLUTION_RANGE_MM`]); none takes the phantom's own.
+    pub resolution_mm: Option<f64>,
+    /// Seed of all that is uneven: organ surfaces, the course of vessels, bowel gas.
+    pub seed: u64,
+}
+
+/// Why a phantom cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PhantomError {
+    /// The resolution is outside its range.
+    #[error(
+        "resolution {found} mm; expected {} to {} mm",
+        RESOLUTION_RANGE_MM[0],
+        RESOLUTION_RANGE_MM[1]
+    )]
+    Resolution {
+        /// What was asked for, mm.
+        found: f64,
+    },
+    /// The volume would be larger than a phantom may be.
+    #[error("{voxels} voxels at {resolution_mm} mm; at most {limit} are made: choose a coarser resolution")]
+    TooLarge {
+        /// Voxels needed.
+        voxels: usize,
+        /// Resolution asked for, mm.
+        resolution_mm: f64,
+        /// [`MAX_VOXELS`].
+        limit: usize,
+    },
+    /// The parts do not make a volume.
+    #[error(transparent)]
+    Volume(#[from] InvalidVolume),
+}
+
+/// Makes a phantom. The same kind, resolution and seed give the same bytes at any thread count.
+///
+/// # Errors
+/// [`PhantomError::Resolution`] outside [`RESOLUTION_RANGE_MM`], [`PhantomError::TooLarge`] past [`MAX_VOXELS`].
+pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, PhantomError> {
+    let resolution_mm = options.resolution_mm.unwrap_or(match kind {
+        Phantom::Abdomen => 1.0,
+        Phantom::Prostate => 0.6,
+        Phantom::Spine => 0.8,
+        Phantom::TwoLayer => 0.5,
+    });
+    let [finest, coarsest] = RESOLUTION_RANGE_MM;
+    if !(finest..=coarsest).contains(&resolution_mm) {
+        return Err(PhantomError::Resolution { found: resolution_mm });
+    }
+    match kind {
+        Phantom::Abdomen => abdomen::make(resolution_mm, options.seed),
+        Phantom::Prostate => prostate::make(resolution_mm, options.seed),
+        Phantom::Spine => spine::make(resolution_mm, options.seed),
+        Phantom::TwoLayer => two_layer::make(resolution_mm),
+    }
+}
+
+/// Value and name of each label of a phantom, in order of value from 1. The names are those of tissues.
+pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
+    match kind {
+        Phantom::Abdomen => abdomen::labels::TABLE,
+        Phantom::Prostate => prostate::labels::TABLE,
+        Phantom::Spine => spine::labels::TABLE,
+        Phantom::TwoLayer => two_layer::labels::TABLE,
+    }
+}
+
+/// A pose (probe to world, LPS mm) that shows the phantom well:
+///
+/// - abdomen: curvilinear, radius 60 mm, 70 degrees, depth 150 mm, right subcostal and oblique to the sagittal plane, feet
+///   on the right of the image: liver with its vessels, gallbladder and right kidney, a rib's shadow at the left edge.
+///   The skin bears the dent of this probe.
+/// - prostate: transrectal, transverse, radius 10 mm, in the middle of the gland.
+/// - spine: curvilinear, radius 60 mm, 60 degrees, depth 100 mm, sagittal over the laminae, from behind, feet on the right.
+///   The skin bears the dent of this probe.
+/// - two-layer: linear, 38 mm wide, depth 75 mm, on the face opposite to that where the needle enters (paper 3, "Experimental
+///   setup").
+pub fn default_pose(kind: Phantom) -> Matrix4<f64> {
+    match kind {
+        Phantom::Abdomen => abdomen::pose(),
+        Phantom::Prostate => prostate::pose(),
+        Phantom::Spine => spine::pose(),
+        Phantom::TwoLayer => two_layer::pose(),
+    }
+}
+
+/// Probe-to-world matrix from the array's centre, the direction into the body and a direction for the marked side (made
+/// perpendicular to it).
+fn pose_at(origin: Vector3<f64>, axial: Vector3<f64>, towards_mark: Vector3<f64>) -> Matrix4<f64> {
+    let [y, x, minus_z] = geometry::frame(axial, towards_mark);
+    let z = -minus_z;
+    Matrix4::new(
+        x.x, y.x, z.x, origin.x, //
+        x.y, y.y, z.y, origin.y, //
+        x.z, y.z, z.z, origin.z, //
+        0.0, 0.0, 0.0, 1.0,
+    )
+}
+
+/// Named label values of a phantom and the table of them.
+macro_rules! label_table {
+    ($($label:ident = $value:literal $name:literal,)*) => {
+        $(pub(in crate::phantom) const $label: u8 = $value;)*
+        /// Value and name of each label.
+        pub(in crate::phantom) const TABLE: &[(u8, &str)] = &[$(($value, $name)),*];
+    };
+}
+use label_table;
+
+#[cfg(test)]
+mod tests;
