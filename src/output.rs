@@ -1,1 +1,3 @@
 //! Files that leave the program: PNG, image sequences with transforms, sidecars.
+
+pub mod atomic;

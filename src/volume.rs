@@ -3,7 +3,31 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
+mod caret;
+mod data;
+pub(crate) mod element;
+mod error;
+pub(crate) mod header;
+mod info;
+mod labels;
+mod load;
+mod metaimage;
+mod names;
+mod nifti;
+mod nrrd;
+mod nrrd_space;
+mod save;
+mod segments;
+mod text;
+
 use nalgebra::{Matrix4, Point3};
+
+pub use error::{At, VolumeError};
+pub use info::{Info, LabelInfo, describe};
+pub use load::{Loaded, ScalarImage, load, load_scalar};
+pub(crate) use load::read_header;
+pub(crate) use data::read as read_data;
+pub use save::save;
 
 /// One label of a volume.
 #[derive(Clone, Debug, PartialEq, Eq)]

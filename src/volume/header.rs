@@ -1,0 +1,276 @@
+//! What every image format says before its data: one shape for NIfTI, NRRD and MetaImage.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use nalgebra::{Matrix3, Matrix4, Vector3};
+
+use super::element::{ByteOrder, Element, Scale};
+use super::error::{At, VolumeError};
+
+/// Largest image read, bytes of decoded data. A header that asks for more is taken for broken.
+pub(crate) const MAX_DATA_BYTES: u64 = 16 << 30;
+
+/// Determinant of the unit axis directions below which the axes are taken to lie in one plane.
+const MIN_DETERMINANT: f64 = 1e-6;
+
+/// Departure from a right angle between axes above which a transform is reported as sheared, degrees. Rounded direction
+/// cosines of real scanners stay below.
+const SHEAR_DEG: f64 = 0.1;
+
+/// One index axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Axis {
+    /// Samples along it.
+    pub(crate) size: usize,
+    /// Step from one sample to the next, LPS mm; none where the axis is no direction of space.
+    pub(crate) direction: Option<Vector3<f64>>,
+}
+
+/// How the data are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    Raw,
+    Gzip,
+    Zlib,
+    Bzip2,
+    Text,
+}
+
+/// What lies between the start of the packed data and the first number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Skip {
+    /// So many bytes, counted after unpacking.
+    Bytes(u64),
+    /// All but as many bytes as the image needs.
+    AllButTheImage,
+}
+
+/// Where the data are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct DataPlace {
+    /// The file that holds them.
+    pub(crate) path: PathBuf,
+    /// Byte of that file at which they, or the lines to skip, begin.
+    pub(crate) start: u64,
+    /// Lines to skip before unpacking.
+    pub(crate) skip_lines: usize,
+    pub(crate) skip: Skip,
+    pub(crate) encoding: Encoding,
+}
+
+/// A parsed image header.
+#[derive(Clone, Debug)]
+pub(crate) struct Header {
+    /// The file that holds the header.
+    pub(crate) path: PathBuf,
+    /// Index axes, fastest first.
+    pub(crate) axes: Vec<Axis>,
+    /// Centre of the first voxel, LPS mm.
+    pub(crate) origin: Vector3<f64>,
+    /// Type of the numbers; none where the file says that it holds no image.
+    pub(crate) element: Option<Element>,
+    pub(crate) order: ByteOrder,
+    pub(crate) scale: Option<Scale>,
+    pub(crate) data: DataPlace,
+    /// Keys that the format leaves to its users, in file order.
+    pub(crate) key_values: Vec<(String, String)>,
+    /// Names of label values.
+    pub(crate) names: BTreeMap<i64, String>,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Size and place of a three-dimensional image.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Grid {
+    pub(crate) size: [usize; 3],
+    /// Voxel index to LPS mm.
+    pub(crate) index_to_world: Matrix4<f64>,
+    /// Set where the axes are not at right angles: the largest departure, degrees.
+    pub(crate) shear_deg: Option<f64>,
+}
+
+impl Header {
+    /// Sizes as text, fastest axis first.
+    pub(crate) fn sizes(&self) -> String {
+        let sizes: Vec<String> = self.axes.iter().map(|axis| axis.size.to_string()).collect();
+        sizes.join(" x ")
+    }
+
+    pub(crate) fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
+        VolumeError::malformed(&self.path, At::Header, found, expected)
+    }
+
+    pub(crate) fn unsupported(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
+        VolumeError::unsupported(&self.path, At::Header, found, expected)
+    }
+
+    /// Type of the numbers.
+    pub(crate) fn element(&self) -> Result<Element, VolumeError> {
+        self.element.ok_or_else(|| {
+            self.malformed(
+                format!("no image (sizes {})", self.sizes()),
+                "an image: this looks like a sequence of tracked poses alone",
+            )
+        })
+    }
+
+    /// Numbers and bytes of the whole image.
+    pub(crate) fn extent(&self) -> Result<(usize, usize), VolumeError> {
+        let element = self.element()?;
+        if self.axes.is_empty() || self.axes.iter().any(|axis| axis.size == 0) {
+            return Err(self.malformed(
+                format!("sizes {}", self.sizes()),
+                "at least one sample along every axis",
+            ));
+        }
+        self.axes
+            .iter()
+            .try_fold(1usize, |product, axis| product.checked_mul(axis.size))
+            .and_then(|count| Some((count, count.checked_mul(element.bytes())?)))
+            .filter(|&(_, bytes)| bytes as u64 <= MAX_DATA_BYTES)
+            .ok_or_else(|| {
+                self.malformed(
+                    format!("sizes {} of {}", self.sizes(), element.name()),
+                    format!("at most {} GiB of data", MAX_DATA_BYTES >> 30),
+                )
+            })
+    }
+
+    /// The image as a volume. A two-dimensional image is one slice of 1 mm.
+    pub(crate) fn grid(&self) -> Result<Grid, VolumeError> {
+        let mut size = [1; 3];
+        let mut directions: Vec<Vector3<f64>> = Vec::with_capacity(3);
+        for (number, axis) in self.axes.iter().enumerate() {
+            match axis.direction {
+                Some(direction) if directions.len() < 3 => {
+                    size[directions.len()] = axis.size;
+                    directions.push(direction);
+                }
+                _ if axis.size == 1 => {}
+                Some(_) => {
+                    return Err(self.unsupported(
+                        format!("a {}-D image ({})", self.axes.len(), self.sizes()),
+                        "volumes have three dimensions of space",
+                    ));
+                }
+                None => {
+                    return Err(self.unsupported(
+                        format!("axis {number} of {} entries that is no direction of space", axis.size),
+                        format!("volumes have three dimensions of space, this image is {}", self.sizes()),
+                    ));
+                }
+            }
+        }
+        if directions.len() == 2 {
+            let normal = directions[0].cross(&directions[1]);
+            directions.push(normal.try_normalize(0.0).unwrap_or_else(Vector3::zeros));
+        }
+        let [x, y, z] = directions[..] else {
+            return Err(self.unsupported(
+                format!("an image with {} dimension of space", directions.len()),
+                "volumes have two or three",
+            ));
+        };
+        let linear = Matrix3::from_columns(&[x, y, z]);
+        if !linear.iter().chain(self.origin.iter()).all(|n| n.is_finite()) {
+            return Err(self.malformed(
+                "a number that is not finite in the transform to the world",
+                "finite spacing, directions and origin",
+            ));
+        }
+        let units = [x, y, z].map(|direction| direction.try_normalize(0.0).unwrap_or_else(Vector3::zeros));
+        let determinant = Matrix3::from_columns(&units).determinant().abs();
+        // Written so that a NaN from an overflowing norm fails too.
+        if !(determinant > MIN_DETERMINANT && linear.try_inverse().is_some()) {
+            return Err(self.malformed(
+                format!(
+                    "axis steps ({}) mm, which span no volume",
+                    [x, y, z].map(|d| format!("{} {} {}", d.x, d.y, d.z)).join(") (")
+                ),
+                "three independent directions with spacing above 0",
+            ));
+        }
+        let mut index_to_world = linear.to_homogeneous();
+        index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.origin);
+        let off_square = |a: usize, b: usize| units[a].dot(&units[b]).clamp(-1.0, 1.0).asin().to_degrees().abs();
+        let worst = off_square(0, 1).max(off_square(1, 2)).max(off_square(0, 2));
+        Ok(Grid {
+            size,
+            index_to_world,
+            shear_deg: (worst > SHEAR_DEG).then_some(worst),
+        })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn header(axes: Vec<Axis>) -> Header {
+        Header {
+            path: PathBuf::from("test"),
+            axes,
+            origin: Vector3::zeros(),
+            element: Some(Element::F64),
+            order: ByteOrder::Little,
+            scale: None,
+            data: DataPlace {
+                path: PathBuf::from("test"),
+                start: 0,
+                skip_lines: 0,
+                skip: Skip::Bytes(0),
+                encoding: Encoding::Raw,
+            },
+            key_values: Vec::new(),
+            names: BTreeMap::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    fn axis(size: usize, x: f64, y: f64, z: f64) -> Axis {
+        Axis {
+            size,
+            direction: Some(Vector3::new(x, y, z)),
+        }
+    }
+
+    #[test]
+    fn sizes_that_overflow_or_exceed_the_cap_are_refused() {
+        for sizes in [[usize::MAX, 2, 2], [1 << 31, 1 << 31, 1], [1 << 12, 1 << 12, 1 << 8]] {
+            let axes = sizes.map(|n| axis(n, 1.0, 0.0, 0.0)).to_vec();
+            let message = header(axes).extent().unwrap_err().to_string();
+            assert!(message.contains("expected at most 16 GiB"), "{message}");
+        }
+        let axes = vec![axis(4, 1.0, 0.0, 0.0), axis(0, 0.0, 1.0, 0.0)];
+        assert!(header(axes).extent().unwrap_err().to_string().contains("at least one sample"));
+    }
+
+    #[test]
+    fn slices_get_a_normal_and_lists_are_no_volume() {
+        let flat = header(vec![axis(4, 0.0, 2.0, 0.0), axis(5, 2.0, 0.0, 0.0)]).grid().unwrap();
+        assert_eq!(flat.size, [4, 5, 1]);
+        assert_eq!(flat.index_to_world.column(2).z, -1.0);
+        let list = Axis {
+            size: 7,
+            direction: None,
+        };
+        let message = header(vec![axis(4, 1.0, 0.0, 0.0), axis(4, 0.0, 1.0, 0.0), list])
+            .grid()
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("axis 2 of 7 entries"), "{message}");
+    }
+
+    #[test]
+    fn zero_nan_and_coplanar_directions_are_refused_and_shear_is_measured() {
+        let with = |third: Axis| header(vec![axis(2, 1.0, 0.0, 0.0), axis(2, 0.0, 1.0, 0.0), third]).grid();
+        assert!(with(axis(2, 0.0, 0.0, 0.0)).unwrap_err().to_string().contains("span no volume"));
+        assert!(with(axis(2, 1.0, 1.0, 1e-9)).unwrap_err().to_string().contains("span no volume"));
+        assert!(with(axis(2, 0.0, 0.0, f64::NAN)).unwrap_err().to_string().contains("not finite"));
+        assert!(with(axis(2, 0.0, 0.0, 1e-200)).is_err());
+        assert_eq!(with(axis(2, 0.0, 0.0, 3.0)).unwrap().shear_deg, None);
+        let sheared = with(axis(2, 0.0, 1.0, 1.0)).unwrap().shear_deg.unwrap();
+        assert!((sheared - 45.0).abs() < 1e-9, "{sheared}");
+    }
+}

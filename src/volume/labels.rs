@@ -1,0 +1,276 @@
+//! From the numbers of an image to a compact label volume.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
+use super::error::VolumeError;
+use super::header::Header;
+use super::{InvalidVolume, Label, LabelVolume, Loaded, segments};
+
+/// A label as the file holds it: layer and value. The background is layer 0, value 0.
+type Stored = (usize, i64);
+
+const BACKGROUND: Stored = (0, 0);
+
+/// Gives each stored label a number in order of appearance, and counts it.
+struct Index {
+    numbers: HashMap<Stored, usize>,
+    stored: Vec<Stored>,
+    counts: Vec<u64>,
+    last: (Stored, usize),
+}
+
+impl Index {
+    fn new() -> Self {
+        Self {
+            numbers: HashMap::from([(BACKGROUND, 0)]),
+            stored: vec![BACKGROUND],
+            counts: vec![0],
+            last: (BACKGROUND, 0),
+        }
+    }
+
+    fn number(&mut self, label: Stored) -> usize {
+        if self.last.0 != label {
+            let next = self.stored.len();
+            let number = *self.numbers.entry(label).or_insert(next);
+            if number == next {
+                self.stored.push(label);
+                self.counts.push(0);
+            }
+            self.last = (label, number);
+        }
+        self.last.1
+    }
+}
+
+/// The voxels by number of their stored label.
+struct Indexed {
+    index: Index,
+    voxels: Vec<u8>,
+    /// Voxels that more than one layer claims.
+    overlaps: u64,
+}
+
+/// A number that is no label: its place in the data and its value.
+struct Fraction {
+    at: usize,
+    value: f64,
+}
+
+fn index<T: Sample>(
+    bytes: &[u8],
+    order: ByteOrder,
+    scale: Option<Scale>,
+    layers: usize,
+) -> Result<Indexed, Fraction> {
+    let mut index = Index::new();
+    let mut voxels = Vec::with_capacity(bytes.len() / T::BYTES / layers);
+    let mut overlaps = 0;
+    for (voxel, stack) in bytes.chunks_exact(T::BYTES * layers).enumerate() {
+        let mut top = 0;
+        let mut claims = 0;
+        for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
+            let sample = T::decode(number, order);
+            let label = match scale {
+                None => sample.as_label(),
+                Some(scale) => label_of(scale.apply(sample.as_f64())),
+            };
+            let Some(value) = label else {
+                return Err(Fraction {
+                    at: voxel * layers + layer,
+                    value: scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64())),
+                });
+            };
+            if value != 0 {
+                top = index.number((layer, value));
+                index.counts[top] += 1;
+                claims += 1;
+            }
+        }
+        index.counts[0] += u64::from(claims == 0);
+        overlaps += u64::from(claims > 1);
+        // Past 256 the volume is refused below; the count of labels is all that still matters.
+        voxels.push(top as u8);
+    }
+    Ok(Indexed {
+        index,
+        voxels,
+        overlaps,
+    })
+}
+
+/// Makes the label volume of an image. Where the first axis holds the layers of a segmentation, they are flattened: a
+/// higher layer wins.
+pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeError> {
+    let mut warnings = std::mem::take(&mut header.warnings);
+    let named = segments::from_keys(&header.key_values);
+    let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
+    let layers = if layered { header.axes.remove(0).size } else { 1 };
+    let grid = header.grid()?;
+    if let Some(degrees) = grid.shear_deg {
+        warnings.push(format!("the axes are sheared: {degrees:.2} degrees off a right angle; taken as they are"));
+    }
+    let element = header.element()?;
+    let indexed = with_sample!(element, T => index::<T>(bytes, header.order, header.scale, layers));
+    let mut indexed = indexed.map_err(|fraction| {
+        let voxel = fraction.at / layers;
+        let [x, y, _] = grid.size;
+        VolumeError::Fractional {
+            path: header.path.clone(),
+            voxel: [voxel % x, voxel / x % y, voxel / x / y],
+            value: fraction.value,
+        }
+    })?;
+    for &label in named.keys().filter(|&&(_, value)| value != 0) {
+        indexed.index.number(label);
+    }
+    let invalid = |cause| VolumeError::Volume {
+        path: header.path.clone(),
+        cause,
+    };
+    let stored = &indexed.index.stored;
+    if stored.len() > 256 {
+        return Err(invalid(InvalidVolume::TooManyLabels(stored.len())));
+    }
+    if indexed.overlaps > 0 {
+        let overlaps = indexed.overlaps;
+        warnings.push(format!("{overlaps} voxels belong to segments of several layers: the highest layer counts"));
+    }
+    let values = values(stored, &named, &mut warnings);
+    let mut order: Vec<usize> = (1..stored.len()).collect();
+    order.sort_by_key(|&number| values[number]);
+    order.insert(0, 0);
+    let mut place = [0u8; 256];
+    let mut labels = Vec::with_capacity(order.len());
+    for (position, &number) in order.iter().enumerate() {
+        place[number] = position as u8;
+        let name = named.get(&stored[number]).cloned().flatten();
+        labels.push(Label {
+            value: values[number],
+            name: name.or_else(|| header.names.get(&values[number]).cloned()),
+            voxels: indexed.index.counts[number],
+        });
+    }
+    for voxel in &mut indexed.voxels {
+        *voxel = place[usize::from(*voxel)];
+    }
+    let volume = LabelVolume::new(grid.size, indexed.voxels, labels, grid.index_to_world).map_err(invalid)?;
+    Ok(Loaded { volume, warnings })
+}
+
+/// A value of its own for each stored label: that of the file, unless a lower layer already has it.
+fn values(
+    stored: &[Stored],
+    named: &BTreeMap<Stored, Option<String>>,
+    warnings: &mut Vec<String>,
+) -> Vec<i64> {
+    let mut order: Vec<usize> = (1..stored.len()).collect();
+    order.sort_by_key(|&number| stored[number]);
+    let mut taken: BTreeSet<i64> = BTreeSet::from([0]);
+    let highest = stored.iter().map(|&(_, value)| value).max().unwrap_or(0);
+    let mut free = highest.max(0);
+    let mut values = vec![0; stored.len()];
+    for number in order {
+        let (layer, value) = stored[number];
+        values[number] = value;
+        if !taken.insert(value) {
+            free = free.saturating_add(1);
+            values[number] = free;
+            taken.insert(free);
+            let name = named.get(&(layer, value)).cloned().flatten().unwrap_or_default();
+            warnings.push(format!(
+                "segment {name:?} of layer {layer} takes value {free}: a lower layer already uses its value {value}"
+            ));
+        }
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::super::element::Element;
+    use super::super::header::Axis;
+    use super::super::header::tests::header;
+    use super::*;
+
+    fn cube(sizes: [usize; 3], element: Element) -> Header {
+        let mut header = header(
+            (0..3)
+                .map(|axis| Axis {
+                    size: sizes[axis],
+                    direction: Some(Vector3::ith(axis, 1.0)),
+                })
+                .collect(),
+        );
+        header.element = Some(element);
+        header
+    }
+
+    fn bytes(values: &[i16]) -> Vec<u8> {
+        values.iter().flat_map(|value| value.to_le_bytes()).collect()
+    }
+
+    fn values(loaded: &Loaded) -> Vec<(i64, u64)> {
+        loaded.volume.labels().iter().map(|label| (label.value, label.voxels)).collect()
+    }
+
+    #[test]
+    fn background_is_first_and_the_rest_ascend() {
+        let loaded = volume(cube([5, 1, 1], Element::I16), &bytes(&[300, -7, 300, 5, -7])).unwrap();
+        assert_eq!(values(&loaded), [(0, 0), (-7, 2), (5, 1), (300, 2)]);
+        assert_eq!(loaded.volume.voxels(), [3, 1, 3, 2, 1]);
+    }
+
+    #[test]
+    fn floats_must_be_whole() {
+        let numbers: Vec<u8> = [1.0f64, 2.0, 2.0, 1.5].iter().flat_map(|n| n.to_le_bytes()).collect();
+        let loaded = volume(cube([3, 1, 1], Element::F64), &numbers[..24]).unwrap();
+        assert_eq!(values(&loaded), [(0, 0), (1, 1), (2, 2)]);
+        let message = volume(cube([2, 2, 1], Element::F64), &numbers).unwrap_err().to_string();
+        assert!(message.contains("voxel (1, 1, 0) is 1.5"), "{message}");
+        let mut scaled = cube([2, 1, 1], Element::I16);
+        scaled.scale = Scale::new(0.5, 0.0);
+        let message = volume(scaled, &bytes(&[2, 3])).unwrap_err().to_string();
+        assert!(message.contains("voxel (1, 0, 0) is 1.5"), "{message}");
+    }
+
+    #[test]
+    fn more_than_256_labels_look_like_a_grey_image() {
+        let grey: Vec<i16> = (1..=256).collect();
+        let message = volume(cube([256, 1, 1], Element::I16), &bytes(&grey)).unwrap_err().to_string();
+        assert!(message.contains("257 distinct labels") && message.contains("grey image"), "{message}");
+        assert!(volume(cube([255, 1, 1], Element::I16), &bytes(&grey[..255])).is_ok());
+    }
+
+    #[test]
+    fn higher_layers_win_and_shared_values_part() {
+        let mut layered = cube([4, 1, 1], Element::I16);
+        layered.axes.insert(
+            0,
+            Axis {
+                size: 2,
+                direction: None,
+            },
+        );
+        let keys = [
+            ("Segment0_Name", "low"),
+            ("Segment0_LabelValue", "1"),
+            ("Segment1_Name", "high"),
+            ("Segment1_LabelValue", "1"),
+            ("Segment1_Layer", "1"),
+            ("Segment2_Name", "empty"),
+            ("Segment2_LabelValue", "2"),
+        ];
+        layered.key_values = keys.map(|(key, value)| (key.to_owned(), value.to_owned())).to_vec();
+        let loaded = volume(layered, &bytes(&[0, 0, 1, 0, 1, 1, 0, 1])).unwrap();
+        assert_eq!(values(&loaded), [(0, 1), (1, 2), (2, 0), (3, 2)]);
+        let names: Vec<_> = loaded.volume.labels().iter().map(|label| label.name.as_deref()).collect();
+        assert_eq!(names, [None, Some("low"), Some("empty"), Some("high")]);
+        assert_eq!(loaded.volume.voxels(), [0, 1, 3, 3]);
+        assert!(loaded.warnings.iter().any(|w| w.starts_with("1 voxels belong")), "{:?}", loaded.warnings);
+        assert!(loaded.warnings.iter().any(|w| w.contains("takes value 3")), "{:?}", loaded.warnings);
+    }
+}

@@ -1,0 +1,116 @@
+//! Reading a file of any known format, told apart by content.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::GzDecoder;
+
+use super::element::{Sample, with_sample};
+use super::error::{At, VolumeError, quoted};
+use super::header::Header;
+use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
+
+/// A label volume and what to tell the user about it.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The volume.
+    pub volume: LabelVolume,
+    /// One sentence each: assumptions made and oddities found.
+    pub warnings: Vec<String>,
+}
+
+/// A grey volume, for solid textures from files.
+#[derive(Clone, Debug)]
+pub struct ScalarImage {
+    /// Voxels along each index axis.
+    pub size: [usize; 3],
+    /// Distance between voxel centres along each index axis, mm.
+    pub spacing_mm: [f64; 3],
+    /// Finite values, x fastest, with the file's own scale applied.
+    pub data: Vec<f32>,
+}
+
+/// Loads a label volume: NIfTI-1 (`.nii`, `.nii.gz`, `.hdr` with `.img`), NRRD (`.nrrd`, `.nhdr`, `.seg.nrrd`) or
+/// MetaImage (`.mha`, `.mhd`). A two-dimensional image is a volume of one slice, 1 mm thick.
+///
+/// # Errors
+/// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that cannot be read,
+/// are of another format, are broken, or hold no labels (fractions, or more than 256 distinct values).
+pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
+    let mut header = read_header(path)?;
+    let bytes = data::read(&mut header)?;
+    labels::volume(header, &bytes)
+}
+
+/// Loads a grey volume from the formats of [`load`], any element type.
+///
+/// # Errors
+/// As [`load`], and for values that are not finite; fractions and any number of distinct values are welcome.
+pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
+    let mut header = read_header(path)?;
+    let grid = header.grid()?;
+    let bytes = data::read(&mut header)?;
+    let values = with_sample!(header.element()?, T => bytes
+        .chunks_exact(<T as Sample>::BYTES)
+        .map(|number| {
+            let stored = T::decode(number, header.order).as_f64();
+            header.scale.map_or(stored, |scale| scale.apply(stored)) as f32
+        })
+        .collect::<Vec<f32>>());
+    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+        let [x, y, _] = grid.size;
+        let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
+        return Err(header.malformed(found, "finite grey values"));
+    }
+    Ok(ScalarImage {
+        size: grid.size,
+        spacing_mm: [0, 1, 2].map(|axis| grid.index_to_world.fixed_view::<3, 1>(0, axis).norm()),
+        data: values,
+    })
+}
+
+/// Parses the header of an image of any known format.
+pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+    let fail = |cause| VolumeError::read(path, cause);
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("img")) {
+        let header = path.with_extension("hdr");
+        if header.is_file() {
+            return nifti::read_header(&header);
+        }
+    }
+    let mut start = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(4096).read_to_end(&mut start))
+        .map_err(fail)?;
+    if start.starts_with(nrrd::MAGIC) {
+        return nrrd::read_header(path);
+    }
+    if metaimage::is_header(&start) {
+        return metaimage::read_header(path);
+    }
+    if start.starts_with(&[0x1f, 0x8b]) {
+        let mut inner = [0; 4];
+        return match GzDecoder::new(&start[..]).read_exact(&mut inner) {
+            Ok(()) if nifti::is_header(&inner) => nifti::read_header(path),
+            Ok(()) => Err(other_format(path, &format!("gzip of data that start {}", quoted(&String::from_utf8_lossy(&inner))))),
+            Err(cause) => {
+                let found = format!("broken compressed data ({cause})");
+                Err(VolumeError::malformed(path, At::Byte(0), found, "gzip data that unpack to a NIfTI-1 header"))
+            }
+        };
+    }
+    if nifti::is_header(&start) {
+        return nifti::read_header(path);
+    }
+    if start.get(128..132) == Some(b"DICM") {
+        let instead = "convert it to NIfTI, NRRD or MetaImage";
+        return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
+    }
+    let shown = String::from_utf8_lossy(&start[..start.len().min(16)]).into_owned();
+    Err(other_format(path, &if start.is_empty() { "an empty file".to_owned() } else { quoted(&shown) }))
+}
+
+fn other_format(path: &Path, found: &str) -> VolumeError {
+    VolumeError::malformed(path, At::Byte(0), found, "the start of a NIfTI-1, NRRD or MetaImage file")
+}

@@ -1,0 +1,130 @@
+//! Lines of a text header that is followed by binary data.
+
+use std::io::{self, BufRead, Read};
+use std::path::Path;
+
+use super::error::{At, VolumeError, quoted};
+
+/// Longest text header read, bytes. Sequences carry about a kilobyte a frame in theirs.
+const MAX_HEADER_BYTES: u64 = 256 << 20;
+
+/// One line of a header.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Line {
+    /// Counted from 1.
+    pub(crate) number: usize,
+    /// Without the line end; bytes that are not UTF-8 are replaced.
+    pub(crate) text: String,
+}
+
+/// Reads lines and counts the bytes they took.
+pub(crate) struct Lines<R> {
+    reader: R,
+    number: usize,
+    offset: u64,
+}
+
+impl<R: BufRead> Lines<R> {
+    pub(crate) fn new(reader: R) -> Self {
+        Self {
+            reader,
+            number: 0,
+            offset: 0,
+        }
+    }
+
+    /// The next line; none at the end of the file.
+    pub(crate) fn next(&mut self) -> io::Result<Option<Line>> {
+        let mut bytes = Vec::new();
+        let left = MAX_HEADER_BYTES.saturating_sub(self.offset);
+        let read = (&mut self.reader).take(left).read_until(b'\n', &mut bytes)?;
+        if read == 0 {
+            return Ok(None);
+        }
+        self.offset += read as u64;
+        self.number += 1;
+        while matches!(bytes.last(), Some(b'\n' | b'\r')) {
+            bytes.pop();
+        }
+        Ok(Some(Line {
+            number: self.number,
+            text: String::from_utf8_lossy(&bytes).into_owned(),
+        }))
+    }
+
+    /// Bytes taken by the lines so far.
+    pub(crate) fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// Lines read so far.
+    pub(crate) fn count(&self) -> usize {
+        self.number
+    }
+}
+
+/// The value of a header field and the line it stands on.
+#[derive(Clone, Debug)]
+pub(crate) struct Field<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) line: usize,
+    pub(crate) name: &'a str,
+    pub(crate) value: &'a str,
+}
+
+impl Field<'_> {
+    /// An error about this field.
+    pub(crate) fn malformed(&self, expected: impl Into<String>) -> VolumeError {
+        let found = format!("{} {}", self.name, quoted(self.value));
+        VolumeError::malformed(self.path, At::Line(self.line), found, expected)
+    }
+
+    /// An error about a value of this field that is valid but not read.
+    pub(crate) fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
+        let found = format!("{} {}", self.name, quoted(self.value));
+        VolumeError::unsupported(self.path, At::Line(self.line), found, expected)
+    }
+
+    /// The blank-separated words as numbers.
+    pub(crate) fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
+        self.value
+            .split_whitespace()
+            .map(|word| word.parse().map_err(|_| self.malformed(what)))
+            .collect()
+    }
+
+    /// As many numbers as `count`.
+    pub(crate) fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
+        let numbers = self.numbers(what)?;
+        if numbers.len() == count {
+            Ok(numbers)
+        } else {
+            Err(self.malformed(format!("{count} numbers: {what}")))
+        }
+    }
+
+    /// Spacings, one an axis: above 0 and finite.
+    pub(crate) fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
+        if spacing > 0.0 && spacing.is_finite() {
+            Ok(spacing)
+        } else {
+            Err(self.malformed("spacings above 0 and finite, mm"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_count_bytes_and_drop_line_ends() {
+        let mut lines = Lines::new(&b"one\r\ntwo\n\xff\nlast"[..]);
+        let mut texts = Vec::new();
+        while let Some(line) = lines.next().unwrap() {
+            texts.push((line.number, line.text, lines.offset()));
+        }
+        let expected = [(1, "one", 5), (2, "two", 9), (3, "\u{fffd}", 11), (4, "last", 15)];
+        assert_eq!(texts, expected.map(|(n, t, o)| (n, t.to_owned(), o)));
+    }
+}
