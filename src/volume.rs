@@ -3,6 +3,8 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
+pub mod complete;
+
 use nalgebra::{Matrix4, Point3};
 
 /// One label of a volume.
