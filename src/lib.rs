@@ -24,12 +24,15 @@
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
+pub mod effects;
 pub mod gpu;
 pub mod mechanics;
 pub mod output;
 pub mod phantom;
+pub mod plan;
 pub mod random;
 pub mod real;
+pub mod synth;
 pub mod tissue;
 pub mod tracking;
 pub mod volume;

@@ -32,10 +32,10 @@ pub const MAX_VOXELS: usize = 256 << 20;
 #[serde(rename_all = "kebab-case")]
 pub enum Phantom {
     /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,
-    /// bowel with gas. 240 x 200 x 220 mm, 1 mm voxels by default.
+    /// bowel with gas. 240 x 200 x 228 mm, 1 mm voxels by default.
     #[default]
     Abdomen,
-    /// Male pelvis around the prostate, with a rectum that holds a transrectal probe in gel. 110 x 110 x 110 mm, 0.6 mm
+    /// Male pelvis around the prostate, with a rectum that holds a transrectal probe in gel. 110 x 110 x 120 mm, 0.6 mm
     /// voxels by default.
     Prostate,
     /// Lumbar spine L2 to L5 with the muscles behind it. 160 x 130 x 170 mm, 0.8 mm voxels by default.

@@ -260,12 +260,33 @@ impl Synthesizer {
         }
     }
 
-    /// The beam-space results of the last frame, for ground-truth layers and for tests.
-    pub fn beam(&mut self) -> Result<layers::Beam, SynthError> {
+    /// The beam-space results of the last frame, for ground-truth layers.
+    pub fn beam(&self) -> Result<layers::Beam, SynthError> {
+        self.beam_after(self.plan.passes.len())
+    }
+
+    /// Runs the passes up to and including `pass` and returns what stands in beam space then; nothing is displayed. For
+    /// looking into a frame and for tests. All passes run if the plan has none of that name.
+    pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
+        self.begin(state)?;
+        let passes = &self.plan.passes;
+        let end = passes.iter().rposition(|planned| planned.pass.name == pass).map_or(passes.len(), |at| at + 1);
         match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
+            Executor::CpuF64(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
+            Executor::Gpu(gpu) => gpu.run_until(pass, &self.tables, state)?,
+        }
+        self.beam_after(end)
+    }
+
+    fn beam_after(&self, passes: usize) -> Result<layers::Beam, SynthError> {
+        match &self.executor {
             Executor::Cpu(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
             Executor::CpuF64(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
-            Executor::Gpu(gpu) => gpu.beam(&self.plan, &self.tables),
+            Executor::Gpu(gpu) => {
+                let flipped = self.plan.passes[..passes].iter().filter(|planned| planned.pass.flips).count() % 2 == 1;
+                gpu.beam(flipped, &self.tables)
+            }
         }
     }
 

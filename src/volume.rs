@@ -3,6 +3,7 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
+<<<<<<< HEAD
 mod caret;
 mod data;
 pub(crate) mod element;
@@ -19,6 +20,9 @@ mod nrrd_space;
 mod save;
 mod segments;
 mod text;
+=======
+pub mod complete;
+>>>>>>> 727b95ac4db851c61337198dc24dd6b785fd6ef5
 
 use nalgebra::{Matrix4, Point3};
 

@@ -2,6 +2,7 @@
 
 use bytemuck::Pod;
 
+use crate::mechanics::mesh::pack::WarpParams;
 use crate::synth::store::Store;
 use crate::synth::{FrameState, tables::Tables};
 
@@ -12,10 +13,13 @@ pub struct View<'a> {
     pub tables: &'a Tables,
     /// What changes from frame to frame.
     pub state: &'a FrameState,
+    /// Search grids of the mesh as packed for the GPU; none on the CPU.
+    pub warp: Option<&'a WarpParams>,
 }
 
 /// A buffer that passes share. On the CPU it is a vector of [`Store`] or a table; on the GPU a storage buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Resource {
     /// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
     Rays,
@@ -93,7 +97,6 @@ pub enum Access {
 #[derive(Clone, Copy, Debug)]
 pub struct ParamBlock {
     bytes: [u8; Self::CAPACITY],
-    len: usize,
 }
 
 impl ParamBlock {
@@ -106,12 +109,12 @@ impl ParamBlock {
         let mut bytes = [0; Self::CAPACITY];
         let source = bytemuck::bytes_of(params);
         bytes[..source.len()].copy_from_slice(source);
-        Self { bytes, len: source.len() }
+        Self { bytes }
     }
 
-    /// The parameters as the shader sees them.
-    pub fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.len]
+    /// The parameters as the shader sees them, padded to a whole slot.
+    pub fn slot(&self) -> &[u8; Self::CAPACITY] {
+        &self.bytes
     }
 }
 

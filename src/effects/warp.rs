@@ -3,8 +3,11 @@
 //! Every later look-up, of labels, textures and scatterers, happens in the reference state. See
 //! [`crate::mechanics::mesh::map`] for the point location and what happens outside the mesh.
 
+use bytemuck::Zeroable;
+
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, Verdict};
+use crate::mechanics::mesh::pack::WarpParams;
 use crate::mechanics::mesh::map::map_lines;
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -44,7 +47,9 @@ fn wanted(tables: &Tables) -> Verdict {
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
-    todo_params(view)
+    let tables = view.tables;
+    let (lines, samples, planes) = (tables.lines() as u32, tables.samples() as u32, tables.planes() as u32);
+    ParamBlock::of(&WarpParams { lines, samples, planes, ..view.warp.copied().unwrap_or(WarpParams::zeroed()) })
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {

@@ -52,7 +52,7 @@ use labels as l;
 /// Radius of the probe that the default pose is made for, mm.
 const PROBE_RADIUS_MM: f64 = 60.0;
 /// How far that probe is pressed in, mm.
-const PRESSED_MM: f64 = 10.0;
+const PRESSED_MM: f64 = 11.0;
 
 pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
     let wall = wall::Wall::new(seed);
@@ -62,15 +62,15 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, Phantom
     hepatic::add(&mut painting, seed);
     kidney::add(&mut painting, seed);
     let world = Bounds {
-        min: Point::new(-160.0, -106.0, -115.0),
-        max: Point::new(80.0, 94.0, 105.0),
+        min: Point::new(-160.0, -106.0, -130.0),
+        max: Point::new(80.0, 94.0, 98.0),
     };
     painting.volume(&world, resolution_mm, l::TABLE)
 }
 
 pub(super) fn pose() -> Matrix4<f64> {
-    let axial = Point::new(0.25, 0.955, 0.10).normalize();
-    let mut skin = Point::new(-88.0, -120.0, -46.0);
+    let axial = Point::new(0.25, 0.955, 0.13).normalize();
+    let mut skin = Point::new(-88.0, -120.0, -61.0);
     while wall::skin_depth(&skin) < 0.0 {
         skin += axial * 0.05;
     }

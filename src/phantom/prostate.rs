@@ -71,15 +71,15 @@ fn surroundings(p: &Point, fat: &Noise) -> u8 {
     }
     let x = p.x.abs();
     let under_skin = 7.0 + 2.0 * fat.at(p);
-    let triangle = x < 30.0 - 0.35 * (p.y + 10.0) && p.y < 18.0;
+    let triangle = x < 8.0 + 0.5 * (p.y + 42.0) && p.y > -40.0 && p.y < 18.0;
     if depth > under_skin + 2.0 && p.z < -28.0 && triangle {
         let membrane = (p.z + 29.0).abs() < 1.0;
         return if membrane { l::FASCIA } else { l::MUSCLE };
     }
     // Levator ani: a funnel from the side walls down to the anal canal.
-    let funnel = 15.0 + 24.0 * step(-34.0, 26.0, p.z);
+    let funnel = 16.0 + 22.0 * step(-34.0, 26.0, p.z);
     let ring = x.hypot(0.62 * (p.y - 12.0));
-    if p.z > -36.0 && p.z < 34.0 && (ring - funnel - 7.0).abs() < 2.0 && p.y > -26.0 {
+    if p.z > -36.0 && p.z < 34.0 && (ring - funnel).abs() < 2.0 && p.y > -26.0 {
         return l::MUSCLE;
     }
     let sphincter = p.x.hypot(p.y - RECTUM_Y_MM);
@@ -152,12 +152,12 @@ fn side_walls<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64)
 fn bladder<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let soft = Over::only(&[l::FAT, l::MUSCLE]);
     let wall = Uneven {
-        shape: Ellipsoid::upright([0.0, -10.0, 47.0], [37.0, 26.0, 27.0]),
+        shape: Ellipsoid::upright([0.0, -9.0, 43.0], [37.0, 26.0, 27.0]),
         noise: Noise::new(seed, 102, 20.0),
         amplitude_mm: 1.0,
     };
     let urine = Uneven {
-        shape: Ellipsoid::upright([0.0, -10.0, 47.0], [33.5, 22.5, 23.5]),
+        shape: Ellipsoid::upright([0.0, -9.0, 43.0], [33.5, 22.5, 23.5]),
         noise: Noise::new(seed, 102, 20.0),
         amplitude_mm: 1.0,
     };

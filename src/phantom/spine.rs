@@ -71,6 +71,9 @@ fn surroundings(p: &Point, fat: &Noise, septa: &Noise) -> u8 {
     let x = p.x.abs();
     let y = p.y + lordosis(p.z);
     let inside = |cx: f64, cy: f64, rx: f64, ry: f64| ((x - cx) / rx).powi(2) + ((y - cy) / ry).powi(2);
+    if x < 14.0 && y > -12.0 && y < 13.0 - 0.3 * x {
+        return l::EPIDURAL_FAT;
+    }
     let column = inside(36.0, 24.0, 38.0, 32.0);
     if column < 1.0 || (x < 20.0 && y > 4.0) {
         // Fat planes: multifidus from longissimus, longissimus from iliocostalis.

@@ -28,6 +28,8 @@ struct Tip {
     id: i32,
 }
 
+/// How far a branch may turn from its parent's way, in the order tried, radians.
+const SPREADS_RAD: [f64; 3] = [0.45, 0.8, 1.3];
 /// Directions tried for each piece of a branch.
 const TRIES: i32 = 12;
 /// Share of the cube of the radius that the larger branch of a fork takes: from here to that plus 0.2.
@@ -49,7 +51,11 @@ impl Growth<'_> {
             if pieces.len() >= MOST_PIECES {
                 break;
             }
-            let Some(first) = self.piece(&tip, tip.radius, 0, 0.45, &pieces) else {
+            let found = SPREADS_RAD
+                .iter()
+                .enumerate()
+                .find_map(|(part, &spread)| self.piece(&tip, part as i32, spread, &pieces));
+            let Some(first) = found else {
                 continue;
             };
             pieces.push(first);
@@ -84,7 +90,8 @@ impl Growth<'_> {
     }
 
     /// The best of several pieces that leave a tip, if any stays inside the organ.
-    fn piece(&self, tip: &Tip, radius: f64, part: i32, spread: f64, own: &[Tube]) -> Option<Tube> {
+    fn piece(&self, tip: &Tip, part: i32, spread: f64, own: &[Tube]) -> Option<Tube> {
+        let radius = tip.radius;
         let [_, u, v] = frame(tip.along, off_axis(&tip.along));
         let mut best: Option<(f64, Tube)> = None;
         for attempt in 0..TRIES {

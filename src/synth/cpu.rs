@@ -6,7 +6,7 @@ use super::store::Store;
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use crate::effects::pass::{Pass, View};
-use crate::plan::Plan;
+use crate::plan::{Plan, PlannedPass};
 use crate::real::Real;
 
 /// A scalar that passes are declared for.
@@ -53,21 +53,27 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Runs the passes and copies the pixels out.
     pub fn render(&mut self, plan: &Plan, tables: &Tables, state: &FrameState, pixels: &mut [u8]) -> Result<(), SynthError> {
+        self.run(&plan.passes, tables, state)?;
+        pixels.copy_from_slice(&self.store.pixels);
+        Ok(())
+    }
+
+    /// Runs some passes of a plan.
+    pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let (Some(nodes), Some((deformed, _))) = (&state.nodes, &mut self.store.locators) {
             deformed
                 .update(nodes)
                 .map_err(|error| SynthError::Nodes { found: error.found, expected: error.expected })?;
         }
-        let view = View { tables, state };
+        let view = View { tables, state, warp: None };
         self.times.clear();
-        for planned in &plan.passes {
+        for planned in passes {
             let start = Instant::now();
             T::reference(planned.pass)(&view, &mut self.store);
             if self.timed {
                 self.times.push(PassTime { name: planned.pass.name, ms: start.elapsed().as_secs_f64() * 1e3 });
             }
         }
-        pixels.copy_from_slice(&self.store.pixels);
         Ok(())
     }
 }

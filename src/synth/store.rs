@@ -1,7 +1,5 @@
 //! The working memory of the CPU backend: one vector a resource of the plan, none for what the plan does without.
 
-use nalgebra::Matrix4;
-
 use super::tables::Tables;
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
@@ -52,7 +50,7 @@ impl<T: Real> Store<T> {
         resize(&mut self.element, count(Resource::Element, all), u32::MAX);
         resize(&mut self.label, count(Resource::Label, all), 0);
         resize(&mut self.amplitude, count(Resource::Amplitude, all), T::zero());
-        resize(&mut self.amplitude_next, count(Resource::AmplitudeNext, beam), T::zero());
+        resize(&mut self.amplitude_next, count(Resource::AmplitudeNext, all), T::zero());
         resize(&mut self.scatter, count(Resource::Scatter, fine), T::zero());
         resize(&mut self.scatter_axial, count(Resource::ScatterAxial, fine), T::zero());
         resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), T::zero());
@@ -91,14 +89,4 @@ fn resize<V: Clone>(vector: &mut Vec<V>, len: usize, fill: V) {
     if vector.len() != len {
         *vector = vec![fill; len];
     }
-}
-
-/// The world position of a sample, before any warp.
-pub fn world_position(tables: &Tables, probe_to_world: &Matrix4<f64>, line: usize, sample: usize) -> [f64; 3] {
-    let mut position = [[0.0; 4]];
-    let [ox, oy, dx, dy] = tables.rays[line];
-    let s = (sample as f64 + 0.5) * tables.sample_mm();
-    let point = probe_to_world.transform_point(&nalgebra::Point3::new(ox + dx * s, oy + dy * s, 0.0));
-    position[0][..3].copy_from_slice(point.coords.as_slice());
-    [position[0][0], position[0][1], position[0][2]]
 }

@@ -14,7 +14,8 @@ use crate::effects::shadow::units;
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
 use crate::effects::{Effects, texture};
-use crate::mechanics::mesh::{self, TetMesh};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::pack::WarpCapacities;
 use crate::real::Numbers;
 use crate::tissue::TissueTable;
 use crate::tissue::bank::Atlas;
@@ -106,6 +107,8 @@ pub struct Tables {
     pub blur: Option<LateralKernel>,
     /// Linear gain at each sample depth.
     pub gain: Numbers,
+    /// Sizes of the buffers of the warp, if a mesh deforms.
+    pub warp: Option<WarpCapacities>,
 }
 
 impl Tables {
@@ -124,6 +127,7 @@ impl Tables {
             speckle: settings.effects.speckle.as_ref().map(|speckle| SpeckleTables::new(speckle, &grid)),
             blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
             gain: Numbers::default(),
+            warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
             grid,
             image_grid,
             anatomy,
@@ -232,15 +236,14 @@ impl Tables {
         let pixels = (self.width() * self.height()) as u64;
         let fine = self.speckle.as_ref().map_or(0, |speckle| speckle.fine_lines(self.lines()) * self.samples()) as u64;
         let depth_kernel = |reach: usize| ((2 * reach + 1) * self.samples() * 4) as u64;
-        let warp = |pick: fn(mesh::WarpSizes) -> u64| self.anatomy.mesh.as_ref().map_or(0, |mesh| pick(mesh::WarpSizes::of(mesh)));
         match resource {
             Resource::Rays => self.lines() as u64 * 16,
             Resource::Position => beam * self.planes() as u64 * 16,
             Resource::Element | Resource::Label | Resource::Amplitude => beam * self.planes() as u64 * 4,
-            Resource::ElementMaps => warp(|sizes| sizes.element_maps),
-            Resource::Adjacency => warp(|sizes| sizes.adjacency),
-            Resource::CellStarts => warp(|sizes| sizes.cell_starts),
-            Resource::CellElements => warp(|sizes| sizes.cell_elements),
+            Resource::ElementMaps => self.warp_items(|warp| warp.frames) * 16,
+            Resource::Adjacency => self.warp_items(|warp| warp.neighbours) * 16,
+            Resource::CellStarts => self.warp_items(|warp| warp.starts) * 4,
+            Resource::CellElements => self.warp_items(|warp| warp.lists) * 4,
             Resource::Voxels => self.volume.voxels().len().div_ceil(4) as u64 * 4,
             Resource::LabelRows => size_of_val(self.label_rows.as_slice()) as u64,
             Resource::TextureEntries => self.atlas.as_ref().map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64,
@@ -256,6 +259,10 @@ impl Tables {
             Resource::Image => pixels * 4,
             Resource::Pixels => (self.words_per_row() * self.height() * 4) as u64,
         }
+    }
+
+    fn warp_items(&self, pick: fn(&WarpCapacities) -> usize) -> u64 {
+        self.warp.as_ref().map_or(0, pick) as u64
     }
 
     fn gain_table(&self) -> Numbers {

@@ -6,6 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::grid::CellGrid;
+use super::TetMesh;
 use super::locator::Locator;
 
 /// One grid in the shader's uniform.
@@ -95,6 +96,14 @@ pub struct WarpCapacities {
     pub starts: usize,
     /// Of [`WarpBuffers::lists`] (4 bytes each).
     pub lists: usize,
+}
+
+impl WarpCapacities {
+    /// The capacities of a mesh.
+    pub fn of(mesh: &TetMesh) -> WarpCapacities {
+        let locator = Locator::new(mesh);
+        WarpBuffers::new(&locator, &locator).capacities
+    }
 }
 
 impl WarpBuffers {

@@ -109,21 +109,23 @@ fn loop_of_bowel<B: Fn(&Point) -> u8 + Sync>(
     }
 }
 
-/// Loops of small bowel below the transverse colon and left of the duodenum.
+/// Hairpin loops of small bowel below the pancreas and behind the transverse colon.
 fn small_bowel(seed: u64) -> Vec<Vec<Tube>> {
-    (0..5)
-        .map(|row| {
-            let jitter = |i: i32, which: i32| 8.0 * (choice(seed, 90 + row as u32, [i, which]) - 0.5);
-            let y = [-34.0, -10.0, -36.0, -12.0, -30.0][row];
-            let z = [-60.0, -88.0, -116.0, -118.0, -124.0][row];
-            let knots: Vec<([f64; 3], f64)> = (0..8)
+    [[-32.0, -70.0], [-6.0, -96.0], [-36.0, -116.0], [-10.0, -136.0]]
+        .iter()
+        .enumerate()
+        .map(|(row, [y, z])| {
+            let jitter = |i: i32, which: i32| 9.0 * (choice(seed, 90 + row as u32, [i, which]) - 0.5);
+            let knots: Vec<([f64; 3], f64)> = (0..16)
                 .map(|i| {
-                    let along = -62.0 + 22.0 * f64::from(i);
-                    let side = if i % 2 == 0 { 11.0 } else { -11.0 };
-                    ([along + jitter(i, 0), y + jitter(i, 1), z + side + jitter(i, 2)], 11.5)
+                    let limb = i / 2;
+                    let up = (i % 2 == 0) == (limb % 2 == 0);
+                    let x = -58.0 + 23.0 * f64::from(limb);
+                    let along = if up { 15.0 } else { -15.0 };
+                    ([x + jitter(i, 0), y + jitter(i, 1), z + along + jitter(i, 2)], 11.5)
                 })
                 .collect();
-            path(&knots, 4)
+            path(&knots, 3)
         })
         .collect()
 }

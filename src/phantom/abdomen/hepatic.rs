@@ -16,13 +16,13 @@ const LESION: ([f64; 3], f64) = ([-72.0, -14.0, 22.0], 9.0);
 /// Signed distance of the even liver: a wedge under the diaphragm, thick on the right and thin on the left.
 fn liver(p: &Point) -> f64 {
     let under_wall = (CAVITY_MM - skin_depth(p)).max(diaphragm(p) + 2.2);
-    let visceral = -44.0 + 0.50 * (p.x + 80.0) + 0.36 * p.y;
+    let visceral = -46.0 + 0.48 * (p.x + 80.0) + 0.36 * p.y;
     let from_below = 0.85 * (visceral - p.z);
     let from_behind = 0.63 * (p.x + 40.0) + 0.78 * (p.y - 40.0);
     let from_left = 0.95 * (p.x - 60.0) + 0.3 * (p.z - 40.0);
-    let far_back = p.y - 62.0;
+    let far_back = p.y - 67.0;
     let lobe = smooth_max(
-        smooth_max(under_wall, from_below, 16.0),
+        smooth_max(under_wall, from_below, 22.0),
         smooth_max(smooth_max(from_behind, far_back, 14.0), from_left, 14.0),
         14.0,
     );
@@ -35,11 +35,11 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
         min: Point::new(-135.0, -85.0, -80.0),
         max: Point::new(75.0, 75.0, 98.0),
     };
-    let surface = Noise::new(seed, 10, 40.0);
+    let surface = Noise::new(seed, 10, 34.0);
     let uneven = move || Uneven {
         shape: Solid { bounds, distance: liver },
         noise: surface,
-        amplitude_mm: 2.5,
+        amplitude_mm: 3.5,
     };
     painting.add(uneven(), 0.0, l::LIVER, Over::only(&[l::PERITONEAL_FAT]));
     let (centre, radius) = LESION;

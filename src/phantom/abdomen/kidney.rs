@@ -9,7 +9,7 @@ const CENTRE: [f64; 3] = [-60.0, 33.0, -40.0];
 /// Half length, half width (towards the hilum) and half thickness, mm.
 const HALF_MM: [f64; 3] = [54.0, 27.0, 22.0];
 /// Half angle of a pyramid seen from the middle of the kidney, in its coordinates scaled to a sphere, radians.
-const PYRAMID_RAD: f64 = 0.29;
+const PYRAMID_RAD: f64 = 0.32;
 /// Angles of the pyramids around the hilum's axis, degrees from the hilum, in each of two rows.
 const PYRAMIDS_DEG: [f64; 7] = [52.0, 88.0, 128.0, 180.0, 232.0, 272.0, 308.0];
 
@@ -26,7 +26,7 @@ fn sinus() -> Ellipsoid {
     let body = outline();
     Ellipsoid {
         centre: body.centre + body.axes[1] * 9.0,
-        radii: [27.0, 15.0, 8.5],
+        radii: [23.0, 13.0, 6.5],
         ..body
     }
 }
@@ -38,16 +38,19 @@ fn pyramids(p: &Point) -> f64 {
     let level = local.norm();
     let nearest = PYRAMIDS_DEG
         .iter()
-        .flat_map(|deg| [-0.42, 0.42].map(|row| (deg, row)))
-        .map(|(deg, row): (&f64, f64)| {
+        .flat_map(|deg| {
             let (sin, cos) = deg.to_radians().sin_cos();
-            let axis = Point::new(sin, cos, row).normalize();
+            [-0.42, 0.42].map(|row| Point::new(sin, cos, row))
+        })
+        .chain([-0.6, 0.0, 0.6].into_iter().flat_map(|along| [-1.0, 1.0].map(|row| Point::new(along, -0.1, row))))
+        .map(|axis| {
+            let axis = axis.normalize();
             (local.dot(&axis) / level.max(1e-9)).clamp(-1.0, 1.0).acos()
         })
         .fold(f64::INFINITY, f64::min);
     let scale = HALF_MM[2];
     let cone = (nearest - PYRAMID_RAD * (1.15 - 0.25 * level)) * level * scale;
-    smooth_max(smooth_max(cone, (level - 0.76) * scale, 4.0), 1.2 - sinus().distance(p), 2.0)
+    smooth_max(smooth_max(cone, (level - 0.79) * scale, 4.0), 1.2 - sinus().distance(p), 2.0)
 }
 
 /// Adds the kidney with its renal vein.

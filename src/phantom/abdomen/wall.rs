@@ -112,8 +112,10 @@ impl Wall {
         if p.z > 0.0 {
             let above = diaphragm(p);
             if above > 1.7 {
-                let recess = 24.0 + 3.0 * self.edge.at(p);
-                let chest = p.z > recess || above > 14.0;
+                // In front of the heart lies fat, not lung.
+                let front = 44.0 * (-(p.x / 40.0).powi(2)).exp() * step(-10.0, -45.0, p.y);
+                let recess = 24.0 + front + 3.0 * self.edge.at(p);
+                let chest = p.z > recess;
                 return if chest { l::LUNG } else { l::PERITONEAL_FAT };
             }
             if above > -1.7 && p.z > 6.0 {

@@ -137,7 +137,8 @@ fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: S
     };
     let disc = move |p: &Point| {
         let (side, height) = section(p, 1.03);
-        side.max((height + LEVEL_MM / 2.0).abs() - LEVEL_MM / 2.0 + BODY_HALF_MM - 0.2)
+        // Wide enough for the front of the gap, which lordosis opens; the next body is painted over it.
+        side.max((height + BODY_HALF_MM + 7.5).abs() - 7.8)
     };
     let body = move |p: &Point| {
         let height = seat.own(p).z;

@@ -1,0 +1,114 @@
+//! Texture: the echo amplitude of a tissue's solid texture (paper 1, section 2.1), trilinear and without seams.
+//!
+//! Texture coordinates are the reference position turned and scaled as the tissue says, so that textures move with the
+//! tissue. A texture multiplies the tissue's mean echo; its own mean square is 1.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, OutOfRange, Verdict, within};
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::{Anatomy, Settings, Tables};
+use crate::tissue::bank::Atlas;
+
+/// Solid textures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Texture {
+    /// How much of each texture's departure from its mean is applied (0 to 2; 1 as made).
+    pub strength: f64,
+}
+
+impl Default for Texture {
+    fn default() -> Self {
+        Self { strength: 1.0 }
+    }
+}
+
+impl Texture {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        within("texture.strength", self.strength, 0.0..=2.0)
+    }
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect { name: "texture", wanted, passes: |_| PASSES };
+
+static PASSES: &[Pass] = &[Pass {
+    name: "texture",
+    shader: concat!(
+        include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/common/texture.wgsl"),
+        include_str!("../../shaders/texture.wgsl")
+    ),
+    entry: "main",
+    bindings: &[(Position, Read), (Label, Read), (LabelRows, Read), (TextureEntries, Read), (super::pass::Resource::Atlas, Read), (Amplitude, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match (&tables.settings.effects.texture, &tables.atlas) {
+        (None, _) => Err("the scene names no textures".into()),
+        (Some(_), None) => Err("no tissue of the volume has a texture".into()),
+        (Some(_), Some(atlas)) => Ok(format!("tissues of the volume have {} solid textures", atlas.entries.len())),
+    }
+}
+
+/// Uniform block of `texture.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// How much of each texture's departure from its mean is applied.
+    pub strength: f32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        strength: strength(tables) as f32,
+        unused: 0,
+    })
+}
+
+fn strength(tables: &Tables) -> f64 {
+    tables.settings.effects.texture.as_ref().map_or(0.0, |texture| texture.strength)
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(atlas) = &tables.atlas else { return };
+    let samples = tables.samples();
+    let strength = T::of(strength(tables));
+    let texture: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.texture));
+    store
+        .amplitude
+        .par_chunks_mut(samples)
+        .zip(store.position.par_chunks(samples))
+        .zip(store.label.par_chunks(samples))
+        .for_each(|((amplitudes, positions), labels)| {
+            for ((amplitude, position), &label) in amplitudes.iter_mut().zip(positions).zip(labels) {
+                let entry = texture[usize::from(label)];
+                if entry > 0 {
+                    let value = atlas.sample(entry as usize - 1, [position[0], position[1], position[2]]);
+                    *amplitude *= T::one() + strength * (value - T::one());
+                }
+            }
+        });
+}

@@ -1,0 +1,399 @@
+//! Runs a plan on a GPU: buffers by resource, pipelines by pass, bind groups made once, one submission a frame.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use super::layers::Beam;
+use super::tables::Tables;
+use super::{FrameState, PassTime, SynthError};
+use crate::effects::needle;
+use crate::effects::pass::{Access, Band, Pass, Resource, View};
+use crate::gpu::{self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms};
+use crate::mechanics::mesh::Locator;
+use crate::mechanics::mesh::pack::{StaticLengths, WarpBuffers};
+use crate::plan::Plan;
+
+/// What a plan asks of a device beyond the default limits.
+pub fn needs(plan: &Plan) -> Needs {
+    let largest = plan.resources.iter().filter(|planned| !planned.resource.is_per_pixel()).map(|planned| planned.bytes).max();
+    let most = plan.passes.iter().map(|planned| planned.pass.bindings.len()).max();
+    Needs {
+        storage_binding_bytes: largest.unwrap_or(0),
+        buffer_bytes: largest.unwrap_or(0),
+        storage_buffers_per_stage: most.unwrap_or(0) as u32,
+    }
+}
+
+/// One dispatch of a frame.
+struct Step {
+    pass: &'static Pass,
+    pipeline: Pipeline,
+    bindings: wgpu::BindGroup,
+    band: Band,
+    workgroups: [u32; 3],
+}
+
+/// The deforming mesh as the warp pass reads it.
+struct Warp {
+    deformed: Locator<f32>,
+    buffers: WarpBuffers,
+    stale: bool,
+}
+
+/// The GPU backend.
+pub struct GpuExecutor {
+    gpu: Gpu,
+    pipelines: BTreeMap<(&'static str, &'static str), Pipeline>,
+    buffers: BTreeMap<(Resource, usize), StorageBuffer>,
+    bands: Vec<Band>,
+    steps: Vec<Step>,
+    uniforms: Uniforms,
+    readbacks: Vec<Readback>,
+    texture: Option<TextureOut>,
+    warp: Option<Warp>,
+    segments: Vec<[[f64; 4]; 2]>,
+    segments_f32: Vec<[[f32; 4]; 2]>,
+    timer: Option<Timer>,
+    times: Vec<PassTime>,
+}
+
+impl GpuExecutor {
+    /// Compiles the passes of a plan and gives its resources their buffers.
+    pub fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
+        let uniforms = Uniforms::new(&gpu, "parameters", 1)?;
+        let mut executor = Self {
+            gpu,
+            pipelines: BTreeMap::new(),
+            buffers: BTreeMap::new(),
+            bands: Vec::new(),
+            steps: Vec::new(),
+            uniforms,
+            readbacks: Vec::new(),
+            texture: None,
+            warp: None,
+            segments: Vec::with_capacity(needle::MAX_SEGMENTS),
+            segments_f32: Vec::with_capacity(needle::MAX_SEGMENTS),
+            timer: None,
+            times: Vec::new(),
+        };
+        executor.fit(plan, tables, &[])?;
+        Ok(executor)
+    }
+
+    /// Adapts to a changed plan: makes what is new, drops what is not called for, uploads what changed.
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
+        self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
+        self.buffers.retain(|(resource, _), _| plan.uses(*resource));
+        match &tables.anatomy.mesh {
+            Some(mesh) if plan.uses(Resource::ElementMaps) => {
+                if self.warp.is_none() {
+                    let deformed = Locator::new(mesh);
+                    let buffers = WarpBuffers::new(&deformed, &deformed);
+                    self.warp = Some(Warp { deformed, buffers, stale: true });
+                }
+            }
+            _ => self.warp = None,
+        }
+        for planned in &plan.resources {
+            let parts = if planned.resource.is_per_pixel() { self.bands.len() } else { 1 };
+            for part in 0..parts {
+                self.fit_buffer(planned.resource, planned.bytes, part, tables, changed.contains(&planned.resource))?;
+            }
+        }
+        self.fit_steps(plan, tables)?;
+        self.readbacks = self
+            .bands
+            .iter()
+            .map(|band| Readback::new(&self.gpu, "pixels", u64::from(band.rows) * tables.words_per_row() as u64 * 4))
+            .collect::<Result<_, _>>()?;
+        self.texture = None;
+        if self.timer.is_some() {
+            self.time_passes(true, plan)?;
+        }
+        Ok(())
+    }
+
+    fn fit_buffer(&mut self, resource: Resource, bytes: u64, part: usize, tables: &Tables, changed: bool) -> Result<(), GpuError> {
+        let bytes = if resource.is_per_pixel() {
+            bytes / tables.height() as u64 * u64::from(self.bands[part].rows)
+        } else {
+            bytes
+        };
+        let key = (resource, part);
+        let fits = self.buffers.get(&key).is_some_and(|buffer| buffer.bytes() == bytes.next_multiple_of(4).max(4));
+        if !fits {
+            let buffer = StorageBuffer::zeroed(&self.gpu, &format!("{resource:?}"), bytes)?;
+            self.buffers.insert(key, buffer);
+            if resource == Resource::ElementMaps
+                && let Some(warp) = &mut self.warp
+            {
+                warp.stale = true;
+            }
+        }
+        if !fits || changed {
+            let contents = contents(resource, tables, self.bands[part]);
+            self.buffers[&key].write(&self.gpu, 0, &contents)?;
+        }
+        Ok(())
+    }
+
+    fn fit_steps(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
+        self.steps.clear();
+        let dispatches = plan.passes.iter().map(|planned| if is_per_pixel(planned.pass) { self.bands.len() } else { 1 });
+        self.uniforms = Uniforms::new(&self.gpu, "parameters", dispatches.sum::<usize>() as u32)?;
+        let whole = Band { first_row: 0, rows: tables.height() as u32 };
+        let mut flipped = false;
+        for planned in &plan.passes {
+            let pass = planned.pass;
+            let pipeline = self.pipeline(pass)?;
+            let bands: Cow<[Band]> = if is_per_pixel(pass) { self.bands.clone().into() } else { vec![whole].into() };
+            for (part, &band) in bands.iter().enumerate() {
+                let bound: Vec<&StorageBuffer> = pass
+                    .bindings
+                    .iter()
+                    .map(|&(resource, _)| &self.buffers[&(actual(resource, flipped), if resource.is_per_pixel() { part } else { 0 })])
+                    .collect();
+                let bindings = pipeline.bind(&self.gpu, &self.uniforms, &bound)?;
+                let workgroups = (pass.workgroups)(tables, band);
+                self.steps.push(Step { pass, pipeline: pipeline.clone(), bindings, band, workgroups });
+            }
+            flipped ^= pass.flips;
+        }
+        let used: Vec<_> = self.steps.iter().map(|step| (step.pass.name, step.pass.entry)).collect();
+        self.pipelines.retain(|key, _| used.contains(key));
+        Ok(())
+    }
+
+    fn pipeline(&mut self, pass: &'static Pass) -> Result<Pipeline, GpuError> {
+        if let Some(pipeline) = self.pipelines.get(&(pass.name, pass.entry)) {
+            return Ok(pipeline.clone());
+        }
+        let storage: Vec<gpu::Access> = pass
+            .bindings
+            .iter()
+            .map(|(_, access)| match access {
+                Access::Read => gpu::Access::Read,
+                Access::Write => gpu::Access::ReadWrite,
+            })
+            .collect();
+        let source =
+            PassSource { label: pass.name, source: pass.shader, entry: pass.entry, storage: &storage, constants: &[] };
+        let pipeline = Pipeline::new(&self.gpu, &source)?;
+        self.pipelines.insert((pass.name, pass.entry), pipeline.clone());
+        Ok(pipeline)
+    }
+
+    /// Renders a frame into `pixels`, or, without them, into the texture.
+    pub fn render(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+        pixels: Option<&mut [u8]>,
+    ) -> Result<(), SynthError> {
+        if pixels.is_none() && self.texture.is_none() {
+            self.texture = Some(self.make_texture(tables)?);
+        }
+        self.upload(tables, state)?;
+        let into_texture = if pixels.is_none() { self.texture.as_ref() } else { None };
+                self.gpu.submit("frame", |recorder| {
+            let dispatches = dispatches(&self.steps);
+            match &self.timer {
+                Some(timer) => recorder.run_timed(timer, dispatches)?,
+                None => recorder.run("frame", dispatches)?,
+            }
+            match into_texture {
+                Some(texture) => recorder.copy_to_texture(&self.buffers[&(Resource::Pixels, 0)], texture)?,
+                None => {
+                    for (part, readback) in self.readbacks.iter().enumerate() {
+                        recorder.read_back(&self.buffers[&(Resource::Pixels, part)], readback)?;
+                    }
+                }
+            }
+            Ok(())
+        })?;
+        if let Some(pixels) = pixels {
+            let width = tables.width();
+            let stride = tables.words_per_row() * 4;
+            for (band, readback) in self.bands.iter().zip(&mut self.readbacks) {
+                let rows = &mut pixels[band.first_row as usize * width..][..band.rows as usize * width];
+                readback.read_rows(&self.gpu, rows, width, stride)?;
+            }
+        }
+        self.read_times(plan)
+    }
+
+    /// Runs the steps up to and including a pass, and nothing after it; all of them if there is none of that name.
+    pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+        self.upload(tables, state)?;
+        let end = self.steps.iter().rposition(|step| step.pass.name == pass).map_or(self.steps.len(), |at| at + 1);
+        Ok(self.gpu.submit("part of a frame", |recorder| recorder.run("part of a frame", dispatches(&self.steps[..end])))?)
+    }
+
+    fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+        if let Some(warp) = &mut self.warp {
+            if let Some(nodes) = &state.nodes {
+                warp.deformed
+                    .update(nodes)
+                    .map_err(|error| SynthError::Nodes { found: error.found, expected: error.expected })?;
+            }
+            if warp.stale || state.nodes.is_some() {
+                warp.buffers.refill(&warp.deformed);
+                let fixed = if warp.stale { StaticLengths { frames: 0, starts: 0, lists: 0 } } else { warp.buffers.static_lengths() };
+                let buffers = &warp.buffers;
+                let send = |resource: Resource| &self.buffers[&(resource, 0)];
+                send(Resource::ElementMaps).write(&self.gpu, fixed.frames as u64 * 16, &buffers.frames[fixed.frames..])?;
+                send(Resource::CellStarts).write(&self.gpu, fixed.starts as u64 * 4, &buffers.starts[fixed.starts..])?;
+                send(Resource::CellElements).write(&self.gpu, fixed.lists as u64 * 4, &buffers.lists[fixed.lists..])?;
+                if warp.stale {
+                    send(Resource::Adjacency).write(&self.gpu, 0, &buffers.neighbours)?;
+                }
+                warp.stale = false;
+            }
+        }
+        let view = View { tables, state, warp: self.warp.as_ref().map(|warp| &warp.buffers.params) };
+        if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
+            needle::segments(&view, &mut self.segments);
+            self.segments_f32.clear();
+            self.segments_f32.extend(self.segments.iter().map(|ends| ends.map(|end| end.map(|x| x as f32))));
+            buffer.write(&self.gpu, 0, &self.segments_f32)?;
+        }
+        for (slot, step) in self.steps.iter().enumerate() {
+            self.uniforms.set(slot as u32, (step.pass.params)(&view, step.band).slot())?;
+        }
+        Ok(self.uniforms.write(&self.gpu)?)
+    }
+
+    fn make_texture(&self, tables: &Tables) -> Result<TextureOut, GpuError> {
+        if self.bands.len() > 1 {
+            return Err(GpuError::Limit {
+                what: "a frame left on the GPU in one piece".into(),
+                limit: "max_storage_buffer_binding_size",
+                needed: tables.bytes(Resource::ScanMap),
+                available: self.gpu.limits().max_storage_buffer_binding_size,
+            });
+        }
+        TextureOut::new(&self.gpu, tables.width() as u32, tables.height() as u32)
+    }
+
+    /// Starts or stops measuring passes.
+    pub fn time_passes(&mut self, on: bool, plan: &Plan) -> Result<(), SynthError> {
+        let names: Vec<&str> = self.steps.iter().map(|step| step.pass.name).collect();
+        self.timer = if on { Timer::new(&self.gpu, &names)? } else { None };
+        self.times.clear();
+        self.times.reserve_exact(plan.passes.len());
+        Ok(())
+    }
+
+    fn read_times(&mut self, plan: &Plan) -> Result<(), SynthError> {
+        self.times.clear();
+        let Some(timer) = &mut self.timer else { return Ok(()) };
+        let timings = timer.read(&self.gpu)?;
+        for planned in &plan.passes {
+            let name = planned.pass.name;
+            let ms = timings.passes.iter().filter(|pass| pass.name == name).map(|pass| pass.ms).sum();
+            self.times.push(PassTime { name, ms });
+        }
+        Ok(())
+    }
+
+    /// Reads the beam-space results of the last frame, as they stood after the pass that ran last.
+    pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
+        let count = tables.lines() * tables.samples();
+        let words = |resource: Resource, per_sample: usize| -> Result<Vec<u32>, GpuError> {
+            let Some(buffer) = self.buffers.get(&(resource, 0)) else { return Ok(Vec::new()) };
+            let mut readback = Readback::new(&self.gpu, "beam", (count * per_sample * 4) as u64)?;
+            let mut words = vec![0u32; count * per_sample];
+            self.gpu.submit("beam", |recorder| recorder.read_back(buffer, &readback))?;
+            readback.read(&self.gpu, &mut words)?;
+            Ok(words)
+        };
+        let numbers = |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
+        Ok(Beam {
+            lines: tables.lines(),
+            samples: tables.samples(),
+            position: numbers(words(Resource::Position, 4)?).chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect(),
+            element: words(Resource::Element, 1)?,
+            label: words(Resource::Label, 1)?.into_iter().map(|word| word as u8).collect(),
+            amplitude: numbers(words(actual(Resource::Amplitude, flipped), 1)?),
+            needle: numbers(words(Resource::NeedleMask, 1)?),
+            loss: words(Resource::Loss, 1)?,
+        })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// The texture of the last frame rendered into it.
+    pub fn texture(&self) -> Option<&wgpu::Texture> {
+        self.texture.as_ref().map(TextureOut::texture)
+    }
+
+    /// What the passes of the last frame took.
+    pub fn times(&self) -> &[PassTime] {
+        &self.times
+    }
+
+    /// Names of the compiled passes.
+    pub fn pipelines(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.pipelines.keys().map(|(name, _)| *name)
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.buffers.values().map(StorageBuffer::bytes).sum()
+    }
+}
+
+fn dispatches(steps: &[Step]) -> impl Iterator<Item = Dispatch<'_>> {
+    steps.iter().enumerate().map(|(slot, step)| Dispatch {
+        pipeline: &step.pipeline,
+        bindings: &step.bindings,
+        slot: slot as u32,
+        workgroups: step.workgroups,
+    })
+}
+
+fn is_per_pixel(pass: &Pass) -> bool {
+    pass.bindings.iter().any(|(resource, _)| resource.is_per_pixel())
+}
+
+/// The buffer that a pass sees as a resource, after an odd number of flips or not.
+fn actual(resource: Resource, flipped: bool) -> Resource {
+    match (resource, flipped) {
+        (Resource::Amplitude, true) => Resource::AmplitudeNext,
+        (Resource::AmplitudeNext, true) => Resource::Amplitude,
+        (other, _) => other,
+    }
+}
+
+/// What a buffer holds before the first frame; empty for what passes write first.
+fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
+    let floats = |values: &[f32]| bytemuck::cast_slice(values).to_vec();
+    match resource {
+        Resource::Rays => floats(&tables.rays.iter().flatten().map(|&x| x as f32).collect::<Vec<_>>()),
+        Resource::Element => vec![0xff; tables.bytes(resource) as usize],
+        Resource::Voxels => {
+            let mut bytes = tables.volume.voxels().to_vec();
+            bytes.resize(bytes.len().next_multiple_of(4), 0);
+            bytes
+        }
+        Resource::LabelRows => bytemuck::cast_slice(&tables.label_rows).to_vec(),
+        Resource::TextureEntries => {
+            tables.atlas.as_ref().map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec())
+        }
+        Resource::Atlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
+        Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| floats(speckle.axial.of())),
+        Resource::LateralKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| floats(speckle.lateral.weights.of())),
+        Resource::BlurKernel => tables.blur.as_ref().map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
+        Resource::LineSpacing => floats(tables.line_spacing.of()),
+        Resource::Gain => floats(tables.gain.of()),
+        Resource::ScanMap => {
+            let first = band.first_row as usize * tables.width();
+            bytemuck::cast_slice(&tables.scan_map[first..][..band.rows as usize * tables.width()]).to_vec()
+        }
+        _ => Vec::new(),
+    }
+}

@@ -1,0 +1,138 @@
+//! Beam-space results of a frame, and the ground-truth layers made of them.
+
+use nalgebra::{Matrix4, Point3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::store::Store;
+use super::tables::Tables;
+use crate::real::Real;
+
+/// Beam-space results: scanline by scanline of the central plane, widened to double precision. What the plan does without
+/// is empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Beam {
+    /// Scanlines.
+    pub lines: usize,
+    /// Samples along a scanline.
+    pub samples: usize,
+    /// Reference position, mm, and the warp's flag.
+    pub position: Vec<[f64; 4]>,
+    /// Element of the mesh that holds the sample; `u32::MAX` for none.
+    pub element: Vec<u32>,
+    /// Label index.
+    pub label: Vec<u8>,
+    /// Echo amplitude; after `tone`, grey level.
+    pub amplitude: Vec<f64>,
+    /// Share of the scan plane's thickness that the needle fills.
+    pub needle: Vec<f64>,
+    /// Two-way loss, in units of [`crate::effects::shadow::UNITS_PER_DB`].
+    pub loss: Vec<u32>,
+}
+
+impl Beam {
+    /// Copies the central plane out of a CPU store.
+    pub fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
+        let count = tables.lines() * tables.samples();
+        let wide = |values: &[T]| values.iter().take(count).map(|x| x.wide()).collect();
+        Self {
+            lines: tables.lines(),
+            samples: tables.samples(),
+            position: store.position.iter().take(count).map(|p| p.map(Real::wide)).collect(),
+            element: store.element.iter().take(count).copied().collect(),
+            label: store.label.iter().take(count).copied().collect(),
+            amplitude: wide(&store.amplitude),
+            needle: wide(&store.needle_mask),
+            loss: store.loss.clone(),
+        }
+    }
+}
+
+/// A ground-truth layer at the pixels of a frame, for people who train models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layer {
+    /// Label index of the volume.
+    Labels,
+    /// Length of the tissue's displacement, hundredths of a millimetre.
+    Displacement,
+    /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre.
+    Depth,
+    /// Share of the scan plane's thickness that the needle fills, 0 to 255.
+    Needle,
+    /// Two-way loss down to the pixel, hundredths of a decibel.
+    Shadowed,
+}
+
+impl Layer {
+    /// Its name in file names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Labels => "labels",
+            Self::Displacement => "displacement",
+            Self::Depth => "depth",
+            Self::Needle => "needle",
+            Self::Shadowed => "shadowed",
+        }
+    }
+
+    /// What one step of its 16-bit values stands for.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Labels => "label index",
+            Self::Displacement => "0.01 mm",
+            Self::Depth => "0.1 mm",
+            Self::Needle => "1/255",
+            Self::Shadowed => "0.01 dB",
+        }
+    }
+
+    /// The layer at each pixel, nearest sample; 0 outside the sector.
+    pub fn image(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
+        let values = self.beam_values(beam, tables, probe_to_world);
+        let pixel = |at: &[f32; 2]| {
+            if at[0] < 0.0 {
+                return 0;
+            }
+            values.get((at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize).copied().unwrap_or(0)
+        };
+        tables.scan_map.iter().map(pixel).collect()
+    }
+
+    fn beam_values(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
+        let fixed = |value: f64| value.round().clamp(0.0, f64::from(u16::MAX)) as u16;
+        match self {
+            Self::Labels => beam.label.iter().map(|&label| u16::from(label)).collect(),
+            Self::Displacement => {
+                let length = |(index, position): (usize, &[f64; 4])| {
+                    let world = world_position(tables, probe_to_world, index / beam.samples, index % beam.samples);
+                    fixed(100.0 * (world - Point3::new(position[0], position[1], position[2])).norm())
+                };
+                beam.position.iter().enumerate().map(length).collect()
+            }
+            Self::Depth => {
+                let mut depths = Vec::with_capacity(beam.label.len());
+                for line in beam.label.chunks(beam.samples) {
+                    let mut passed = 0.0;
+                    for &label in line {
+                        passed += f64::from(u8::from(label != 0));
+                        depths.push(fixed(10.0 * passed * tables.sample_mm()));
+                    }
+                }
+                depths
+            }
+            Self::Needle => beam.needle.iter().map(|&share| fixed(255.0 * share)).collect(),
+            Self::Shadowed => {
+                let db = |&units: &u32| f64::from(units) / crate::effects::shadow::UNITS_PER_DB;
+                beam.loss.iter().map(|units| fixed(100.0 * db(units))).collect()
+            }
+        }
+    }
+}
+
+/// World position of a sample of the central plane, before any warp.
+pub fn world_position(tables: &Tables, probe_to_world: &Matrix4<f64>, line: usize, sample: usize) -> Point3<f64> {
+    let [ox, oy, dx, dy] = tables.rays[line];
+    let s = tables.grid.sample_depth_mm(sample);
+    probe_to_world.transform_point(&Point3::new(ox + dx * s, oy + dy * s, 0.0))
+}

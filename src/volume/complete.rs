@@ -1,0 +1,274 @@
+//! Completion of a segmentation that labels organs but not the body around them.
+//!
+//! The labelled anatomy is closed slice by slice on a grid of about [`GRID_MM`], the outline is smoothed from slice to
+//! slice, and the voxels without a label inside it become soft tissue, with a layer of fat and a skin around them.
+
+mod outline;
+
+use rayon::prelude::*;
+
+use super::{InvalidVolume, Label, LabelVolume};
+use outline::Outline;
+
+/// Spacing of the grid on which the outline of the body is found, mm.
+pub const GRID_MM: f64 = 3.0;
+/// Radius of the closing that joins the labelled anatomy within a slice, mm.
+pub const CLOSING_MM: f64 = 60.0;
+/// Soft tissue that lies at least between labelled anatomy and fat, mm: about the thickness of the abdominal wall.
+pub const WALL_MM: f64 = 7.0;
+/// Largest thickness of fat or skin, mm.
+pub const THICKEST_MM: f64 = 100.0;
+
+/// Names that only volumes with an explicit body carry.
+const BODY_NAMES: [&str; 8] = [
+    "skin",
+    "fat",
+    "subcutaneous_fat",
+    "body",
+    "body_trunc",
+    "phantom_top",
+    "phantom_bottom",
+    "phantom_inclusion",
+];
+/// Values that mark an explicit body where labels have no names: gas, fat, soft tissue, dense tissue, skin.
+const BODY_VALUES: std::ops::RangeInclusive<i64> = 200..=204;
+
+/// What unlabelled voxels are taken for.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    schemars::JsonSchema,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Unlabelled {
+    /// A body is closed around the labelled anatomy, unless the volume has one already.
+    #[default]
+    Auto,
+    /// Air: nothing is filled.
+    Air,
+    /// Soft tissue, everywhere.
+    Tissue,
+}
+
+/// How a volume is completed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CompleteOptions {
+    /// What unlabelled voxels are taken for.
+    pub mode: Unlabelled,
+    /// Thickness of the fat under the skin, mm (0 to 100; default 12).
+    pub fat_mm: f64,
+    /// Thickness of the skin, mm (0 to 100; default 2). Drawn at least one voxel thick, so that it is closed.
+    pub skin_mm: f64,
+}
+
+impl Default for CompleteOptions {
+    fn default() -> Self {
+        Self {
+            mode: Unlabelled::Auto,
+            fat_mm: 12.0,
+            skin_mm: 2.0,
+        }
+    }
+}
+
+/// Voxels that were filled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Filled {
+    /// As soft tissue.
+    pub soft_tissue: u64,
+    /// As fat.
+    pub fat: u64,
+    /// As skin.
+    pub skin: u64,
+}
+
+/// A completed volume and what was done to it.
+#[derive(Clone, Debug)]
+pub struct Completed {
+    /// The volume. Appended labels are named `soft_tissue`, `fat` and `skin`; their `voxels` stay 0, since the file had none.
+    pub volume: LabelVolume,
+    /// Voxels filled.
+    pub filled: Filled,
+    /// What was assumed, for people to read.
+    pub note: String,
+}
+
+/// Why a volume cannot be completed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CompletionError {
+    /// A layer's thickness is out of range.
+    #[error("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm")]
+    Thickness {
+        /// `fat` or `skin`.
+        layer: &'static str,
+        /// What was asked for, mm.
+        found: f64,
+    },
+    /// There is no room for the labels of the body.
+    #[error(transparent)]
+    Volume(#[from] InvalidVolume),
+}
+
+/// Whether a volume carries a body of its own: labels named skin, fat or body, or unnamed ones valued 200 to 204.
+pub fn has_body(volume: &LabelVolume) -> bool {
+    volume.labels().iter().skip(1).any(|label| match &label.name {
+        Some(name) => BODY_NAMES.contains(&name.to_ascii_lowercase().replace([' ', '-'], "_").as_str()),
+        None => BODY_VALUES.contains(&label.value),
+    })
+}
+
+/// Fills the unlabelled voxels of a volume; see the module. The box of the volume stays as it is.
+///
+/// # Errors
+/// A thickness out of range, or no room among 256 labels for those of the body.
+pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
+    for (layer, found) in [("fat", options.fat_mm), ("skin", options.skin_mm)] {
+        if !(0.0..=THICKEST_MM).contains(&found) {
+            return Err(CompletionError::Thickness { layer, found });
+        }
+    }
+    let unchanged = |note: &str| Completed {
+        volume: volume.clone(),
+        filled: Filled::default(),
+        note: note.to_owned(),
+    };
+    match options.mode {
+        Unlabelled::Air => return Ok(unchanged("unlabelled voxels are air, as asked")),
+        Unlabelled::Tissue => return everywhere(volume),
+        Unlabelled::Auto => {}
+    }
+    if has_body(volume) {
+        return Ok(unchanged("the labels describe the whole body: nothing was filled"));
+    }
+    let spacing = volume.spacing_mm();
+    let thinnest = spacing.iter().copied().fold(0.0, f64::max);
+    let skin_mm = options.skin_mm.max(thinnest);
+    let Some(outline) = Outline::around(volume, options.fat_mm + skin_mm) else {
+        return Ok(unchanged("no voxel is labelled: nothing was filled"));
+    };
+    let mut labels = volume.labels().to_vec();
+    let soft = body_label(&mut labels, "soft_tissue", 202);
+    let fat = body_label(&mut labels, "fat", 201);
+    let skin = body_label(&mut labels, "skin", 204);
+    if labels.len() > 256 {
+        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
+    }
+    let mut voxels = volume.voxels().to_vec();
+    let [nx, ny, _] = volume.size();
+    let counts = voxels
+        .par_chunks_mut(nx)
+        .enumerate()
+        .map(|(row, line)| {
+            let mut count = [0u64; 3];
+            let [j, k] = [row % ny, row / ny];
+            outline.along_row(j, k, line, |voxel, distance| {
+                let layer = if distance <= 0.0 {
+                    0
+                } else if distance <= options.fat_mm {
+                    1
+                } else if distance <= options.fat_mm + skin_mm {
+                    2
+                } else {
+                    return;
+                };
+                *voxel = [soft, fat, skin][layer];
+                count[layer] += 1;
+            });
+            count
+        })
+        .reduce(|| [0; 3], |a, b| [0, 1, 2].map(|i| a[i] + b[i]));
+    let filled = Filled {
+        soft_tissue: counts[0],
+        fat: counts[1],
+        skin: counts[2],
+    };
+    let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    let mut note = format!(
+        "unlabelled voxels: the labelled anatomy was closed slice by slice ({CLOSING_MM} mm) and filled as soft tissue \
+         ({} voxels), at least {WALL_MM} mm of it around every label, under {} mm of fat ({} voxels) and {skin_mm:.1} mm \
+         of skin ({} voxels); the rest is air",
+        filled.soft_tissue, options.fat_mm, filled.fat, filled.skin,
+    );
+    let faces = cut_faces(&volume, outline.slice_axis(), skin);
+    if !faces.is_empty() {
+        note.push_str(&format!(
+            "; the body reaches the edge of the volume ({}), where it is cut without skin",
+            faces.join(", ")
+        ));
+    }
+    Ok(Completed { volume, filled, note })
+}
+
+/// Takes every unlabelled voxel for soft tissue.
+fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
+    let mut labels = volume.labels().to_vec();
+    let soft = body_label(&mut labels, "soft_tissue", 202);
+    if labels.len() > 256 {
+        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
+    }
+    let mut voxels = volume.voxels().to_vec();
+    let soft_tissue = voxels
+        .par_iter_mut()
+        .map(|voxel| {
+            let unlabelled = *voxel == 0;
+            if unlabelled {
+                *voxel = soft;
+            }
+            u64::from(unlabelled)
+        })
+        .sum();
+    Ok(Completed {
+        volume: LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?,
+        filled: Filled {
+            soft_tissue,
+            ..Filled::default()
+        },
+        note: format!("unlabelled voxels are soft tissue, as asked ({soft_tissue} voxels)"),
+    })
+}
+
+/// Index of the label of a name, appended if there is none: with the preferred value, or the next free one.
+fn body_label(labels: &mut Vec<Label>, name: &str, preferred: i64) -> u8 {
+    if let Some(at) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
+        return at as u8;
+    }
+    let taken = |value: i64| labels.iter().any(|label| label.value == value);
+    let value = (preferred..).find(|&value| !taken(value)).unwrap_or(preferred);
+    labels.push(Label {
+        value,
+        name: Some(name.to_owned()),
+        voxels: 0,
+    });
+    (labels.len() - 1) as u8
+}
+
+/// Faces of the box beside the slice axis that anything but skin and air touches.
+fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
+    let size = volume.size();
+    let mut faces = Vec::new();
+    for axis in (0..3).filter(|&axis| axis != slice_axis) {
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        for (end, which) in [(0, "low"), (size[axis] - 1, "high")] {
+            let touched = (0..size[u] * size[v]).any(|at| {
+                let mut index = [0; 3];
+                (index[axis], index[u], index[v]) = (end, at % size[u], at / size[u]);
+                let label = volume.voxels()[volume.offset(index)];
+                label != 0 && label != skin
+            });
+            if touched {
+                faces.push(format!("{which} {}", ["i", "j", "k"][axis]));
+            }
+        }
+    }
+    faces
+}
+
+#[cfg(test)]
+mod tests;
