@@ -37,7 +37,7 @@ pub struct Effect {
     /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
     pub wanted: fn(&Tables) -> Verdict,
     /// Its passes, in order.
-    pub passes: &'static [Pass],
+    pub passes: fn(&Tables) -> &'static [Pass],
 }
 
 /// Every effect, in the order in which a frame is made.
@@ -102,7 +102,11 @@ pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>
         return Ok(());
     }
     let expected = format!("a number from {} to {}", range.start(), range.end());
-    Err(OutOfRange { key: key.to_owned(), found: value.to_string(), expected })
+    Err(OutOfRange {
+        key: key.to_owned(),
+        found: value.to_string(),
+        expected,
+    })
 }
 
 impl Effects {

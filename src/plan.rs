@@ -61,13 +61,29 @@ impl Plan {
                     effect: effect.name,
                     reason: reason.clone(),
                 })),
-                Err(reason) => without.push(Omitted { name: effect.name, reason }),
+                Err(reason) => without.push(Omitted {
+                    name: effect.name,
+                    reason,
+                }),
             }
         }
-        let used: BTreeSet<Resource> = passes.iter().flat_map(|planned| planned.pass.bindings).map(|&(resource, _)| resource).collect();
-        let resources =
-            used.into_iter().map(|resource| PlannedResource { resource, bytes: tables.bytes(resource) }).collect();
-        Self { passes, without, resources }
+        let used: BTreeSet<Resource> = passes
+            .iter()
+            .flat_map(|planned| planned.pass.bindings)
+            .map(|&(resource, _)| resource)
+            .collect();
+        let resources = used
+            .into_iter()
+            .map(|resource| PlannedResource {
+                resource,
+                bytes: tables.bytes(resource),
+            })
+            .collect();
+        Self {
+            passes,
+            without,
+            resources,
+        }
     }
 
     /// Whether any pass binds a resource.
@@ -87,18 +103,30 @@ impl Plan {
 
     /// Bands of rows in which no per-pixel resource exceeds `binding_bytes`.
     pub fn bands(&self, tables: &Tables, binding_bytes: u64) -> Vec<Band> {
-        let largest = self.resources.iter().filter(|planned| planned.resource.is_per_pixel()).map(|planned| planned.bytes).max();
+        let largest = self
+            .resources
+            .iter()
+            .filter(|planned| planned.resource.is_per_pixel())
+            .map(|planned| planned.bytes)
+            .max();
         let per_row = largest.unwrap_or(0).div_ceil(tables.height() as u64).max(1);
         let rows = (binding_bytes / per_row).clamp(1, MAX_BAND_ROWS) as usize;
         (0..tables.height())
             .step_by(rows)
-            .map(|first| Band { first_row: first as u32, rows: rows.min(tables.height() - first) as u32 })
+            .map(|first| Band {
+                first_row: first as u32,
+                rows: rows.min(tables.height() - first) as u32,
+            })
             .collect()
     }
 
     /// The plan as plain data, for JSON.
     pub fn report(&self) -> PlanReport {
-        let named = |planned: &PlannedPass| NamedPass { name: planned.pass.name, effect: planned.effect, reason: planned.reason.clone() };
+        let named = |planned: &PlannedPass| NamedPass {
+            name: planned.pass.name,
+            effect: planned.effect,
+            reason: planned.reason.clone(),
+        };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
             without: self.without.clone(),
@@ -147,7 +175,12 @@ impl fmt::Display for PlanReport {
         }
         writeln!(f, "Resources")?;
         for planned in &self.resources {
-            writeln!(f, "  {:<16} {:>12} bytes", format!("{:?}", planned.resource), planned.bytes)?;
+            writeln!(
+                f,
+                "  {:<16} {:>12} bytes",
+                format!("{:?}", planned.resource),
+                planned.bytes
+            )?;
         }
         write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)
     }

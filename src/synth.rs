@@ -68,7 +68,12 @@ pub struct FrameState {
 impl FrameState {
     /// A frame with nothing but a probe pose.
     pub fn at(probe_to_world: Matrix4<f64>) -> Self {
-        Self { frame: 0, probe_to_world, needle: None, nodes: None }
+        Self {
+            frame: 0,
+            probe_to_world,
+            needle: None,
+            nodes: None,
+        }
     }
 }
 
@@ -137,7 +142,12 @@ impl Synthesizer {
             image_to_world: Matrix4::identity(),
             pixel_mm: tables.image_grid.pixel_mm(),
         };
-        Ok(Self { tables, plan, executor, frame })
+        Ok(Self {
+            tables,
+            plan,
+            executor,
+            frame,
+        })
     }
 
     /// Renders one frame. In the steady state it allocates nothing.
@@ -179,7 +189,10 @@ impl Synthesizer {
         if let (Some(nodes), Some(mesh)) = (&state.nodes, &self.tables.anatomy.mesh)
             && nodes.len() != mesh.nodes().len()
         {
-            return Err(SynthError::Nodes { found: nodes.len(), expected: mesh.nodes().len() });
+            return Err(SynthError::Nodes {
+                found: nodes.len(),
+                expected: mesh.nodes().len(),
+            });
         }
         self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
         Ok(())
@@ -270,7 +283,10 @@ impl Synthesizer {
     pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
         self.begin(state)?;
         let passes = &self.plan.passes;
-        let end = passes.iter().rposition(|planned| planned.pass.name == pass).map_or(passes.len(), |at| at + 1);
+        let end = passes
+            .iter()
+            .rposition(|planned| planned.pass.name == pass)
+            .map_or(passes.len(), |at| at + 1);
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
             Executor::CpuF64(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
@@ -284,7 +300,12 @@ impl Synthesizer {
             Executor::Cpu(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
             Executor::CpuF64(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
             Executor::Gpu(gpu) => {
-                let flipped = self.plan.passes[..passes].iter().filter(|planned| planned.pass.flips).count() % 2 == 1;
+                let flipped = self.plan.passes[..passes]
+                    .iter()
+                    .filter(|planned| planned.pass.flips)
+                    .count()
+                    % 2
+                    == 1;
                 gpu.beam(flipped, &self.tables)
             }
         }

@@ -3,8 +3,8 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
-<<<<<<< HEAD
 mod caret;
+pub mod complete;
 mod data;
 pub(crate) mod element;
 mod error;
@@ -20,17 +20,15 @@ mod nrrd_space;
 mod save;
 mod segments;
 mod text;
-=======
-pub mod complete;
->>>>>>> 727b95ac4db851c61337198dc24dd6b785fd6ef5
+pub mod texture;
 
 use nalgebra::{Matrix4, Point3};
 
+pub(crate) use data::read as read_data;
 pub use error::{At, VolumeError};
 pub use info::{Info, LabelInfo, describe};
-pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub(crate) use load::read_header;
-pub(crate) use data::read as read_data;
+pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub use save::save;
 
 /// One label of a volume.

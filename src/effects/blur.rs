@@ -29,7 +29,10 @@ pub struct Blur {
 
 impl Default for Blur {
     fn default() -> Self {
-        Self { width_mm: 0.6, growth_mm_cm: 0.06 }
+        Self {
+            width_mm: 0.6,
+            growth_mm_cm: 0.06,
+        }
     }
 }
 
@@ -52,7 +55,11 @@ impl Blur {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "blur", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "blur",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "blur",
@@ -68,7 +75,10 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Verdict {
     match &tables.settings.effects.blur {
-        Some(blur) if tables.lines() > 1 => Ok(format!("the scene blurs laterally by {} mm and more with depth", blur.width_mm)),
+        Some(blur) if tables.lines() > 1 => Ok(format!(
+            "the scene blurs laterally by {} mm and more with depth",
+            blur.width_mm
+        )),
         Some(_) => Err("one scanline has no neighbours to blur with".into()),
         None => Err("the scene names no blur".into()),
     }
@@ -104,9 +114,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(kernel) = &tables.blur else { return };
     let weights = kernel.weights.of::<T>();
     let input = &store.amplitude[..lines * samples];
-    store.amplitude_next.par_chunks_mut(samples).enumerate().for_each(|(line, output)| {
-        crate::synth::vectorised(|| scanline(input, line, lines, kernel.reach, weights, output));
-    });
+    store
+        .amplitude_next
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, output)| {
+            crate::synth::vectorised(|| scanline(input, line, lines, kernel.reach, weights, output));
+        });
     std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 

@@ -13,7 +13,11 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "geometry", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "geometry",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "geometry",
@@ -21,7 +25,13 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(Rays, Read), (Position, Write)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,
@@ -74,11 +84,15 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     let matrix = rows::<T>(&view.state.probe_to_world);
     let (sample_mm, plane_mm) = (T::of(tables.sample_mm()), T::of(tables.plane_mm()));
-    store.position.par_chunks_mut(samples).enumerate().for_each(|(index, positions)| {
-        let ray = tables.rays[index % lines].map(T::of);
-        let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
-        scanline(ray, z, sample_mm, &matrix, positions);
-    });
+    store
+        .position
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(index, positions)| {
+            let ray = tables.rays[index % lines].map(T::of);
+            let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
+            scanline(ray, z, sample_mm, &matrix, positions);
+        });
 }
 
 /// Positions of the samples of one scanline; the fourth component, the flag, is cleared.

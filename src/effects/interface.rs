@@ -29,7 +29,10 @@ pub struct Interface {
 
 impl Default for Interface {
     fn default() -> Self {
-        Self { mirror_db: 34.0, directivity: 6.0 }
+        Self {
+            mirror_db: 34.0,
+            directivity: 6.0,
+        }
     }
 }
 
@@ -42,13 +45,25 @@ impl Interface {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "interface", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "interface",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "interface",
-    shader: concat!(include_str!("../../shaders/common/label_row.wgsl"), include_str!("../../shaders/interface.wgsl")),
+    shader: concat!(
+        include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/interface.wgsl")
+    ),
     entry: "main",
-    bindings: &[(Label, Read), (LabelRows, Read), (LineSpacing, Read), (Amplitude, Write)],
+    bindings: &[
+        (Label, Read),
+        (LabelRows, Read),
+        (LineSpacing, Read),
+        (Amplitude, Write),
+    ],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
@@ -105,18 +120,21 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let spacing = tables.line_spacing.of::<T>();
     let sample_mm = T::of(tables.sample_mm());
     let labels = &store.label[..lines * samples];
-    store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate().for_each(|(line, amplitudes)| {
-        let row = |line: usize| &labels[line * samples..][..samples];
-        let rows = [row(line.saturating_sub(1)), row(line), row((line + 1).min(lines - 1))];
-        for i in 1..samples.saturating_sub(1) {
-            let labels: [[u8; 3]; 3] = rows.map(|row| [row[i - 1], row[i], row[i + 1]]);
-            if labels == [[labels[1][1]; 3]; 3] {
-                continue;
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, amplitudes)| {
+            let row = |line: usize| &labels[line * samples..][..samples];
+            let rows = [row(line.saturating_sub(1)), row(line), row((line + 1).min(lines - 1))];
+            for i in 1..samples.saturating_sub(1) {
+                let labels: [[u8; 3]; 3] = rows.map(|row| [row[i - 1], row[i], row[i + 1]]);
+                if labels == [[labels[1][1]; 3]; 3] {
+                    continue;
+                }
+                let z = labels.map(|row| row.map(|label| impedance[usize::from(label)]));
+                amplitudes[i] += mirror * reflection(z, sample_mm, spacing[i], directivity);
             }
-            let z = labels.map(|row| row.map(|label| impedance[usize::from(label)]));
-            amplitudes[i] += mirror * reflection(z, sample_mm, spacing[i], directivity);
-        }
-    });
+        });
 }
 
 /// Reflected share at the middle of a 3 by 3 patch of impedances (scanline by sample).

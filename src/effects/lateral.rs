@@ -35,7 +35,11 @@ impl LateralKernel {
                 weights[tap * samples + sample] = weight * factor;
             }
         }
-        Self { reach, weights: Numbers::new(weights), samples }
+        Self {
+            reach,
+            weights: Numbers::new(weights),
+            samples,
+        }
     }
 
     /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
@@ -50,7 +54,11 @@ pub fn gaussian(sigma: f64, reach: usize) -> Vec<f64> {
     let raw: Vec<f64> = (0..=2 * reach)
         .map(|tap| {
             let away = tap as f64 - centre;
-            if sigma < 1e-3 { f64::from(u8::from(away == 0.0)) } else { (-away * away / (2.0 * sigma * sigma)).exp() }
+            if sigma < 1e-3 {
+                f64::from(u8::from(away == 0.0))
+            } else {
+                (-away * away / (2.0 * sigma * sigma)).exp()
+            }
         })
         .collect();
     let sum: f64 = raw.iter().sum();
@@ -67,7 +75,11 @@ mod tests {
         assert_eq!(kernel.reach, 9);
         for sample in 0..4 {
             let sum: f64 = kernel.at(sample).sum();
-            let variance: f64 = kernel.at(sample).enumerate().map(|(tap, w)| w * (tap as f64 - 9.0).powi(2)).sum();
+            let variance: f64 = kernel
+                .at(sample)
+                .enumerate()
+                .map(|(tap, w)| w * (tap as f64 - 9.0).powi(2))
+                .sum();
             assert!((sum - 1.0).abs() < 1e-12);
             assert!((variance.sqrt() - sample as f64).abs() < 0.05, "{sample}: {variance}");
         }

@@ -63,7 +63,11 @@ impl NeedleEcho {
 pub const MAX_SEGMENTS: usize = 64;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "needle", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "needle",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "needle",
@@ -125,7 +129,11 @@ fn numbers(view: &View) -> Params {
     Params {
         samples: tables.samples() as u32,
         sample_mm: tables.sample_mm() as f32,
-        segments: view.state.needle.as_ref().map_or(0, |needle| needle.nodes.len().saturating_sub(1).min(MAX_SEGMENTS)) as u32,
+        segments: view
+            .state
+            .needle
+            .as_ref()
+            .map_or(0, |needle| needle.nodes.len().saturating_sub(1).min(MAX_SEGMENTS)) as u32,
         radius_mm: (diameter / 2.0) as f32,
         thickness_mm: own.thickness_mm.unwrap_or(diameter) as f32,
         echo: 10f64.powf(own.echo_db / 20.0) as f32,
@@ -144,7 +152,9 @@ fn params(view: &View, _: Band) -> ParamBlock {
 /// Segments of the shaft in the probe frame, each as its start and end, for the CPU and for upload.
 pub fn segments(view: &View, into: &mut Vec<[[f64; 4]; 2]>) {
     into.clear();
-    let (Some(needle), Some(world_to_probe)) = (&view.state.needle, view.state.probe_to_world.try_inverse()) else { return };
+    let (Some(needle), Some(world_to_probe)) = (&view.state.needle, view.state.probe_to_world.try_inverse()) else {
+        return;
+    };
     for pair in needle.nodes.windows(2).take(MAX_SEGMENTS) {
         let [a, b] = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
         into.push([[a.x, a.y, a.z, 0.0], [b.x, b.y, b.z, 0.0]]);
@@ -233,13 +243,25 @@ impl<T: Real> Shaft<T> {
         let step = T::of(f64::from(numbers.sample_mm));
         let half = T::of(0.5);
         let cosine = ray[2] * self.axis[0] + ray[3] * self.axis[1];
-        let square = (T::one() - cosine * cosine).max(T::zero()).sqrt().powf(T::of(f64::from(numbers.directivity)));
+        let square = (T::one() - cosine * cosine)
+            .max(T::zero())
+            .sqrt()
+            .powf(T::of(f64::from(numbers.directivity)));
         let mut echo = T::of(f64::from(numbers.echo)) * square;
         let Some((first, last)) = self.depths(ray) else { return };
         for repetition in 0..=numbers.reverberations {
             let shift = T::of(f64::from(repetition)) * T::of(f64::from(numbers.reverberation_mm));
-            let from = ((first + shift) / step - half).floor().max(T::zero()).to_usize().unwrap_or(0);
-            let to = ((last + shift) / step + half).ceil().max(T::zero()).to_usize().unwrap_or(0).min(amplitudes.len());
+            let from = ((first + shift) / step - half)
+                .floor()
+                .max(T::zero())
+                .to_usize()
+                .unwrap_or(0);
+            let to = ((last + shift) / step + half)
+                .ceil()
+                .max(T::zero())
+                .to_usize()
+                .unwrap_or(0)
+                .min(amplitudes.len());
             for i in from..to {
                 let depth = (T::of(i as f64) + half) * step - shift;
                 let share = self.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth);
@@ -284,8 +306,16 @@ mod tests {
     use super::*;
 
     fn shaft(start: [f64; 3], end: [f64; 3], radius: f32, thickness: f32) -> Shaft<f64> {
-        let numbers = Params { radius_mm: radius, thickness_mm: thickness, ..bytemuck::Zeroable::zeroed() };
-        Shaft::new([start[0], start[1], start[2], 0.0], [end[0], end[1], end[2], 0.0], &numbers)
+        let numbers = Params {
+            radius_mm: radius,
+            thickness_mm: thickness,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        Shaft::new(
+            [start[0], start[1], start[2], 0.0],
+            [end[0], end[1], end[2], 0.0],
+            &numbers,
+        )
     }
 
     /// Volume of the shaft inside the thickened plane, by summing shares over a fine lattice of plane points.
@@ -325,15 +355,32 @@ mod tests {
     #[test]
     fn obliquely_the_volume_is_the_area_over_the_sine() {
         // A long cylinder at 30 degrees to a thick plane: volume = pi r^2 t / sin(angle).
-        let oblique = shaft([-30.0 * 3f64.sqrt(), 0.0, -30.0], [30.0 * 3f64.sqrt(), 0.0, 30.0], 0.5, 2.0);
+        let oblique = shaft(
+            [-30.0 * 3f64.sqrt(), 0.0, -30.0],
+            [30.0 * 3f64.sqrt(), 0.0, 30.0],
+            0.5,
+            2.0,
+        );
         let expected = std::f64::consts::PI * 0.25 * 2.0 / 0.5;
         assert!((volume(&oblique, 2.0, 6.0) / expected - 1.0).abs() < 3e-3);
     }
 
     #[test]
     fn the_depths_tried_hold_every_echo() {
-        let numbers = Params { radius_mm: 0.6, thickness_mm: 1.2, sample_mm: 0.25, samples: 400, echo: 1.0, ..Zeroable::zeroed() };
-        for end in [[40.0, 60.0, 3.0], [-20.0, 80.0, 0.0], [0.0, 50.0, 0.0], [3.0, 20.0, 30.0]] {
+        let numbers = Params {
+            radius_mm: 0.6,
+            thickness_mm: 1.2,
+            sample_mm: 0.25,
+            samples: 400,
+            echo: 1.0,
+            ..Zeroable::zeroed()
+        };
+        for end in [
+            [40.0, 60.0, 3.0],
+            [-20.0, 80.0, 0.0],
+            [0.0, 50.0, 0.0],
+            [3.0, 20.0, 30.0],
+        ] {
             let shaft = shaft([-10.0, 5.0, -1.0], end, 0.6, 1.2);
             for line in -20..20 {
                 let angle = f64::from(line) * 0.05;
@@ -342,7 +389,11 @@ mod tests {
                 shaft.scanline(ray, &numbers, &mut amplitudes, &mut mask);
                 for (i, &found) in mask.iter().enumerate() {
                     let depth = (i as f64 + 0.5) * 0.25;
-                    assert_eq!(found, shaft.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth), "line {line} sample {i}");
+                    assert_eq!(
+                        found,
+                        shaft.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth),
+                        "line {line} sample {i}"
+                    );
                 }
             }
         }

@@ -38,11 +38,18 @@ impl Noise {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "noise", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "noise",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "noise",
-    shader: concat!(include_str!("../../shaders/common/hash.wgsl"), include_str!("../../shaders/noise.wgsl")),
+    shader: concat!(
+        include_str!("../../shaders/common/hash.wgsl"),
+        include_str!("../../shaders/noise.wgsl")
+    ),
     entry: "main",
     bindings: &[(ScanMap, Read), (Image, Write)],
     params,
@@ -54,7 +61,10 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Verdict {
     match &tables.settings.effects.noise {
-        Some(noise) => Ok(format!("grey levels carry noise of standard deviation {}", noise.std_grey)),
+        Some(noise) => Ok(format!(
+            "grey levels carry noise of standard deviation {}",
+            noise.std_grey
+        )),
         None => Err("the scene names no additive noise".into()),
     }
 }
@@ -85,7 +95,12 @@ const SUM_MEAN: i32 = 12 * 255 / 2;
 
 fn numbers(view: &View, first_row: u32) -> Params {
     let tables = view.tables;
-    let std = tables.settings.effects.noise.as_ref().map_or(0.0, |noise| noise.std_grey);
+    let std = tables
+        .settings
+        .effects
+        .noise
+        .as_ref()
+        .map_or(0.0, |noise| noise.std_grey);
     Params {
         seed: seed_words(tables.settings.seed),
         width: tables.width() as u32,
@@ -105,14 +120,23 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let width = tables.width();
     let numbers = numbers(view, 0);
     let scale = T::of(f64::from(numbers.scale));
-    store.image.par_chunks_mut(width).zip(tables.scan_map.par_chunks(width)).enumerate().for_each(|(row, (pixels, map))| {
-        crate::synth::vectorised(|| {
-            for (column, (pixel, at)) in pixels.iter_mut().zip(map).enumerate() {
-                let noise = T::from_signed(deviate(column as i32, row as i32, numbers.frame, numbers.seed)) * scale;
-                *pixel = if at[0] < 0.0 { *pixel } else { (*pixel + noise).max(T::zero()).min(T::of(255.0)) };
-            }
+    store
+        .image
+        .par_chunks_mut(width)
+        .zip(tables.scan_map.par_chunks(width))
+        .enumerate()
+        .for_each(|(row, (pixels, map))| {
+            crate::synth::vectorised(|| {
+                for (column, (pixel, at)) in pixels.iter_mut().zip(map).enumerate() {
+                    let noise = T::from_signed(deviate(column as i32, row as i32, numbers.frame, numbers.seed)) * scale;
+                    *pixel = if at[0] < 0.0 {
+                        *pixel
+                    } else {
+                        (*pixel + noise).max(T::zero()).min(T::of(255.0))
+                    };
+                }
+            });
         });
-    });
 }
 
 /// Zero-mean sum of twelve bytes, -1530 to 1530.

@@ -10,7 +10,11 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "quantise", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "quantise",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "quantise",
@@ -51,9 +55,13 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let width = view.tables.width();
     let half = T::of(0.5);
-    store.pixels.par_chunks_mut(width).zip(store.image.par_chunks(width)).for_each(|(bytes, row)| {
-        for (byte, &grey) in bytes.iter_mut().zip(row) {
-            *byte = (grey + half).max(T::zero()).min(T::of(255.0)).to_u8().unwrap_or(0);
-        }
-    });
+    store
+        .pixels
+        .par_chunks_mut(width)
+        .zip(store.image.par_chunks(width))
+        .for_each(|(bytes, row)| {
+            for (byte, &grey) in bytes.iter_mut().zip(row) {
+                *byte = (grey + half).max(T::zero()).min(T::of(255.0)).to_u8().unwrap_or(0);
+            }
+        });
 }

@@ -11,7 +11,11 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "scan_conversion", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "scan_conversion",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "scan_conversion",
@@ -58,11 +62,19 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples, width) = (tables.lines(), tables.samples(), tables.width());
     let fill = T::of(f64::from(tables.settings.image.fill));
     let beam = &store.amplitude[..lines * samples];
-    store.image.par_chunks_mut(width).zip(tables.scan_map.par_chunks(width)).for_each(|(row, map)| {
-        for (pixel, &at) in row.iter_mut().zip(map) {
-            *pixel = if at[0] < 0.0 { fill } else { bilinear(beam, lines, samples, at) };
-        }
-    });
+    store
+        .image
+        .par_chunks_mut(width)
+        .zip(tables.scan_map.par_chunks(width))
+        .for_each(|(row, map)| {
+            for (pixel, &at) in row.iter_mut().zip(map) {
+                *pixel = if at[0] < 0.0 {
+                    fill
+                } else {
+                    bilinear(beam, lines, samples, at)
+                };
+            }
+        });
 }
 
 /// Value at a scanline and sample coordinate, both within the grid.

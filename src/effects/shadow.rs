@@ -33,7 +33,11 @@ pub struct Shadow {
 
 impl Default for Shadow {
     fn default() -> Self {
-        Self { attenuation: true, occlusion: true, needle_db_mm: 8.0 }
+        Self {
+            attenuation: true,
+            occlusion: true,
+            needle_db_mm: 8.0,
+        }
     }
 }
 
@@ -72,12 +76,21 @@ pub fn units(db: f64) -> u32 {
 pub const EFFECT: Effect = Effect {
     name: "shadow",
     wanted,
-    passes: |tables| if super::needle::present(tables) { WITH_NEEDLE } else { WITHOUT_NEEDLE },
+    passes: |tables| {
+        if super::needle::present(tables) {
+            WITH_NEEDLE
+        } else {
+            WITHOUT_NEEDLE
+        }
+    },
 };
 
 static WITHOUT_NEEDLE: &[Pass] = &[Pass {
     name: "shadow",
-    shader: concat!(include_str!("../../shaders/common/label_row.wgsl"), include_str!("../../shaders/shadow.wgsl")),
+    shader: concat!(
+        include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/shadow.wgsl")
+    ),
     entry: "tissue",
     bindings: &[(Label, Read), (LabelRows, Read), (Amplitude, Write), (Loss, Write)],
     params,
@@ -89,9 +102,18 @@ static WITHOUT_NEEDLE: &[Pass] = &[Pass {
 
 static WITH_NEEDLE: &[Pass] = &[Pass {
     name: "shadow",
-    shader: concat!(include_str!("../../shaders/common/label_row.wgsl"), include_str!("../../shaders/shadow.wgsl")),
+    shader: concat!(
+        include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/shadow.wgsl")
+    ),
     entry: "tissue_and_needle",
-    bindings: &[(Label, Read), (LabelRows, Read), (Amplitude, Write), (Loss, Write), (NeedleMask, Read)],
+    bindings: &[
+        (Label, Read),
+        (LabelRows, Read),
+        (Amplitude, Write),
+        (Loss, Write),
+        (NeedleMask, Read),
+    ],
     params,
     workgroups: |tables, _| [1, tables.lines() as u32, 1],
     flips: false,
@@ -103,7 +125,12 @@ fn wanted(tables: &Tables) -> Verdict {
     let Some(shadow) = &tables.settings.effects.shadow else {
         return Err("the scene names no shadow".into());
     };
-    let losing = tables.label_rows.iter().zip(tables.volume.labels()).filter(|(row, label)| row.loss > 0 && label.voxels > 0).count();
+    let losing = tables
+        .label_rows
+        .iter()
+        .zip(tables.volume.labels())
+        .filter(|(row, label)| row.loss > 0 && label.voxels > 0)
+        .count();
     let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
     match (losing, needle) {
         (0, false) => Err("no tissue of the volume attenuates or occludes, and there is no needle".into()),
@@ -142,7 +169,12 @@ pub fn exponent_per_unit() -> f64 {
 }
 
 fn needle_units(tables: &Tables) -> f32 {
-    let db_mm = tables.settings.effects.shadow.as_ref().map_or(0.0, |shadow| shadow.needle_db_mm);
+    let db_mm = tables
+        .settings
+        .effects
+        .shadow
+        .as_ref()
+        .map_or(0.0, |shadow| shadow.needle_db_mm);
     units(db_mm * tables.sample_mm()) as f32
 }
 
@@ -199,11 +231,20 @@ mod tests {
         for samples in [50usize, 500, 5000] {
             let step = 50.0 / samples as f64;
             let mut down_to = vec![0; samples];
-            let own = |i: usize| units(if (i as f64) * step < 30.0 - 1e-9 { step } else { 0.25 * step });
+            let own = |i: usize| {
+                units(if (i as f64) * step < 30.0 - 1e-9 {
+                    step
+                } else {
+                    0.25 * step
+                })
+            };
             accumulate(own, &mut down_to);
             let expected = 30.0 + 0.25 * (20.0 - step / 2.0);
             let found = f64::from(down_to[samples - 1]) / UNITS_PER_DB;
-            assert!((found - expected).abs() < 1e-4 * expected, "{samples}: {found} dB, not {expected}");
+            assert!(
+                (found - expected).abs() < 1e-4 * expected,
+                "{samples}: {found} dB, not {expected}"
+            );
             let amplitude: f64 = transmittance(down_to[samples - 1]);
             assert!((amplitude / 10f64.powf(-expected / 20.0) - 1.0).abs() < 1e-3);
         }

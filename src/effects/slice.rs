@@ -36,15 +36,34 @@ pub enum Boundary {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "slice", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "slice",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "slice",
-    shader: concat!(include_str!("../../shaders/common/label_row.wgsl"), include_str!("../../shaders/slice.wgsl")),
+    shader: concat!(
+        include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/slice.wgsl")
+    ),
     entry: "main",
-    bindings: &[(Position, Read), (Voxels, Read), (LabelRows, Read), (Label, Write), (Amplitude, Write)],
+    bindings: &[
+        (Position, Read),
+        (Voxels, Read),
+        (LabelRows, Read),
+        (Label, Write),
+        (Amplitude, Write),
+    ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,
@@ -88,7 +107,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let reader = LabelReader::<T>::new(tables);
     let samples = tables.samples();
-    let echo: [T; 256] = std::array::from_fn(|label| T::of(tables.label_rows.get(label).map_or(0.0, |row| f64::from(row.echo))));
+    let echo: [T; 256] =
+        std::array::from_fn(|label| T::of(tables.label_rows.get(label).map_or(0.0, |row| f64::from(row.echo))));
     store
         .position
         .par_chunks(samples)
@@ -96,7 +116,11 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .zip(store.amplitude.par_chunks_mut(samples))
         .for_each(|((positions, labels), amplitudes)| {
             for ((position, label), amplitude) in positions.iter().zip(labels).zip(amplitudes) {
-                *label = if position[3] == T::one() { 0 } else { reader.at([position[0], position[1], position[2]]) };
+                *label = if position[3] == T::one() {
+                    0
+                } else {
+                    reader.at([position[0], position[1], position[2]])
+                };
                 *amplitude = echo[usize::from(*label)];
             }
         });
@@ -124,7 +148,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Continuous voxel index of a world position.
     #[inline(always)]
     pub fn index(&self, position: [T; 3]) -> [T; 3] {
-        self.world_to_index.map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
+        self.world_to_index
+            .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
     }
 
     /// Label index at a world position; 0 outside the volume.
@@ -138,7 +163,11 @@ impl<'a, T: Real> LabelReader<'a, T> {
                 return 0;
             }
         }
-        if self.vote { self.vote(index) } else { self.nearest(shifted) }
+        if self.vote {
+            self.vote(index)
+        } else {
+            self.nearest(shifted)
+        }
     }
 
     #[inline(always)]
@@ -186,7 +215,11 @@ impl<'a, T: Real> LabelReader<'a, T> {
 #[inline(always)]
 pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
     let weight = |corner: usize, axis: usize| {
-        if corner >> axis & 1 == 1 { fraction[axis] } else { T::one() - fraction[axis] }
+        if corner >> axis & 1 == 1 {
+            fraction[axis]
+        } else {
+            T::one() - fraction[axis]
+        }
     };
     let weights: [T; 8] = std::array::from_fn(|c| weight(c, 0) * weight(c, 1) * weight(c, 2));
     let (mut best, mut best_share) = (labels[0], T::zero());

@@ -44,7 +44,13 @@ pub struct Speckle {
 
 impl Default for Speckle {
     fn default() -> Self {
-        Self { axial_mm: 0.8, lateral_mm: 1.5, elevational_mm: 1.6, focus_mm: None, focal_zone_mm: 50.0 }
+        Self {
+            axial_mm: 0.8,
+            lateral_mm: 1.5,
+            elevational_mm: 1.6,
+            focus_mm: None,
+            focal_zone_mm: 50.0,
+        }
     }
 }
 
@@ -120,25 +126,36 @@ impl SpeckleTables {
         let sample_mm = grid.sample_spacing_mm();
         let axial_sigma = left(speckle.axial_mm) / sample_mm;
         let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
-        let axial = unit_power(gaussian(axial_sigma, axial_reach), |steps| correlation(steps * sample_mm));
+        let axial = unit_power(gaussian(axial_sigma, axial_reach), |steps| {
+            correlation(steps * sample_mm)
+        });
 
-        let widest = grid.lateral_spacing_mm(grid.depth_mm()).max(grid.lateral_spacing_mm(0.0));
+        let widest = grid
+            .lateral_spacing_mm(grid.depth_mm())
+            .max(grid.lateral_spacing_mm(0.0));
         let oversampling = if grid.lines() == 1 {
             1
         } else {
             ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
         };
-        let fine_mm = |sample: usize| {
-            (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6)
-        };
+        let fine_mm =
+            |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
         let sigma = |sample: usize| {
             let asked = left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm()));
             // A kernel cut short at its widest reach keeps a Gaussian's shape if its width stays below a third of it.
             (asked / fine_mm(sample)).min(MAX_REACH as f64 / 3.0)
         };
-        let scale = |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
+        let scale =
+            |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
         let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
-        Self { lattice_mm, oversampling, plane_mm, planes, axial: Numbers::new(axial), lateral }
+        Self {
+            lattice_mm,
+            oversampling,
+            plane_mm,
+            planes,
+            axial: Numbers::new(axial),
+            lateral,
+        }
     }
 
     /// Fine scanlines.
@@ -167,7 +184,13 @@ pub fn lattice_correlation(steps: f64) -> f64 {
 /// Mean power of a weighted sum of values of unit power with a given correlation.
 fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
     let by_distance: Vec<f64> = (0..weights.len()).map(|steps| correlation(steps as f64)).collect();
-    let row = |i: usize| -> f64 { weights.iter().enumerate().map(|(j, w)| w * by_distance[i.abs_diff(j)]).sum() };
+    let row = |i: usize| -> f64 {
+        weights
+            .iter()
+            .enumerate()
+            .map(|(j, w)| w * by_distance[i.abs_diff(j)])
+            .sum()
+    };
     weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
 }
 
@@ -177,9 +200,16 @@ fn unit_power(weights: Vec<f64>, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "speckle", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "speckle",
+    wanted,
+    passes: |_| PASSES,
+};
 
-const SHADER: &str = concat!(include_str!("../../shaders/common/hash.wgsl"), include_str!("../../shaders/speckle.wgsl"));
+const SHADER: &str = concat!(
+    include_str!("../../shaders/common/hash.wgsl"),
+    include_str!("../../shaders/speckle.wgsl")
+);
 
 static PASSES: &[Pass] = &[
     Pass {
@@ -218,7 +248,10 @@ static PASSES: &[Pass] = &[
 ];
 
 fn fine_lines(tables: &Tables) -> usize {
-    tables.speckle.as_ref().map_or(1, |speckle| speckle.fine_lines(tables.lines()))
+    tables
+        .speckle
+        .as_ref()
+        .map_or(1, |speckle| speckle.fine_lines(tables.lines()))
 }
 
 fn wanted(tables: &Tables) -> Verdict {
@@ -268,7 +301,9 @@ pub struct Params {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return ParamBlock::of(&Params::zeroed()) };
+    let Some(own) = &tables.speckle else {
+        return ParamBlock::of(&Params::zeroed());
+    };
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
     let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);
     ParamBlock::of(&Params {
@@ -305,27 +340,36 @@ fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let positions = &store.position[..lines * samples];
     let amplitudes = &store.amplitude[..lines * samples];
     // A fine scanline holds its real parts, then its imaginary parts.
-    store.scatter.par_chunks_mut(2 * samples).enumerate().for_each(|(fine, echoes)| {
-        let line = fine / own.oversampling;
-        let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
-        let next = (line + 1).min(lines - 1);
-        let nearest = (line + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0)).min(lines - 1);
-        let (a, b) = (&positions[line * samples..][..samples], &positions[next * samples..][..samples]);
-        let amplitudes = &amplitudes[nearest * samples..][..samples];
-        let (re, im) = echoes.split_at_mut(samples);
-        crate::synth::vectorised(|| {
-            for start in (0..samples).step_by(BLOCK) {
-                let end = (start + BLOCK).min(samples);
-                let mut at = [[T::zero(); BLOCK]; 3];
-                for axis in 0..3 {
-                    for i in start..end {
-                        at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+    store
+        .scatter
+        .par_chunks_mut(2 * samples)
+        .enumerate()
+        .for_each(|(fine, echoes)| {
+            let line = fine / own.oversampling;
+            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let next = (line + 1).min(lines - 1);
+            let nearest = (line
+                + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0))
+            .min(lines - 1);
+            let (a, b) = (
+                &positions[line * samples..][..samples],
+                &positions[next * samples..][..samples],
+            );
+            let amplitudes = &amplitudes[nearest * samples..][..samples];
+            let (re, im) = echoes.split_at_mut(samples);
+            crate::synth::vectorised(|| {
+                for start in (0..samples).step_by(BLOCK) {
+                    let end = (start + BLOCK).min(samples);
+                    let mut at = [[T::zero(); BLOCK]; 3];
+                    for axis in 0..3 {
+                        for i in start..end {
+                            at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                        }
                     }
+                    lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
                 }
-                lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
-            }
+            });
         });
-    });
 }
 
 /// The scatterers, seen across the plane.
@@ -406,9 +450,13 @@ fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = view.tables.samples();
     let weights = own.axial.of::<T>();
     let input = &store.scatter;
-    store.scatter_axial.par_chunks_mut(samples).enumerate().for_each(|(part, output)| {
-        crate::synth::vectorised(|| along(&input[part * samples..][..samples], weights, output));
-    });
+    store
+        .scatter_axial
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(part, output)| {
+            crate::synth::vectorised(|| along(&input[part * samples..][..samples], weights, output));
+        });
 }
 
 /// Convolution along a scanline; nothing lies beyond its ends.
@@ -419,7 +467,10 @@ fn along<T: Real>(input: &[T], weights: &[T], output: &mut [T]) {
     output.fill(T::zero());
     for (tap, &weight) in weights.iter().enumerate() {
         // output[i] += weight * input[i + tap - reach]
-        let (from, to) = (reach.saturating_sub(tap), (samples + reach).saturating_sub(tap).min(samples));
+        let (from, to) = (
+            reach.saturating_sub(tap),
+            (samples + reach).saturating_sub(tap).min(samples),
+        );
         if from >= to {
             continue;
         }
@@ -437,10 +488,13 @@ fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     let fine_lines = own.fine_lines(lines);
     let weights = own.lateral.weights.of::<T>();
     let input = &store.scatter_axial;
-    store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate().for_each(|(line, output)| {
-        let centre = line * own.oversampling;
-        crate::synth::vectorised(|| envelope(input, centre, fine_lines, own.lateral.reach, weights, output));
-    });
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, output)| {
+            let centre = line * own.oversampling;
+            crate::synth::vectorised(|| envelope(input, centre, fine_lines, own.lateral.reach, weights, output));
+        });
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it

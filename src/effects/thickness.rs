@@ -27,7 +27,10 @@ pub struct Thickness {
 
 impl Default for Thickness {
     fn default() -> Self {
-        Self { width_mm: 3.0, planes: 5 }
+        Self {
+            width_mm: 3.0,
+            planes: 5,
+        }
     }
 }
 
@@ -39,7 +42,11 @@ impl Thickness {
             return Ok(());
         }
         let expected = format!("an odd number from 3 to {MAX_PLANES}");
-        Err(OutOfRange { key: "thickness.planes".into(), found: self.planes.to_string(), expected })
+        Err(OutOfRange {
+            key: "thickness.planes".into(),
+            found: self.planes.to_string(),
+            expected,
+        })
     }
 
     /// Distance between sub-planes, mm: together they span two widths, where the profile has fallen to 1/16.
@@ -62,7 +69,11 @@ impl Thickness {
 const MAX_PLANES: usize = 9;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "thickness", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "thickness",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "thickness",
@@ -70,7 +81,13 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(Amplitude, Write)],
     params,
-    workgroups: |tables, _| [groups(tables.lines() * tables.samples(), 64).min(65_535), groups(tables.lines() * tables.samples(), 64 * 65_535), 1],
+    workgroups: |tables, _| {
+        [
+            groups(tables.lines() * tables.samples(), 64).min(65_535),
+            groups(tables.lines() * tables.samples(), 64 * 65_535),
+            1,
+        ]
+    },
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,
@@ -78,7 +95,10 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Verdict {
     match &tables.settings.effects.thickness {
-        Some(thickness) => Ok(format!("the scan plane is {} mm thick: {} sub-planes", thickness.width_mm, thickness.planes)),
+        Some(thickness) => Ok(format!(
+            "the scan plane is {} mm thick: {} sub-planes",
+            thickness.width_mm, thickness.planes
+        )),
         None => Err("the scene names no elevational thickness".into()),
     }
 }
@@ -127,14 +147,17 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let weights = weights::<T>(tables);
     let (centre, others) = store.amplitude.split_at_mut(tables.lines() * samples);
     let stride = centre.len();
-    centre.par_chunks_mut(samples).enumerate().for_each(|(line, amplitudes)| {
-        for (i, amplitude) in amplitudes.iter_mut().enumerate() {
-            let mut power = weights[0] * *amplitude * *amplitude;
-            for plane in 1..tables.planes() {
-                let other = others[(plane - 1) * stride + line * samples + i];
-                power += weights[plane] * other * other;
+    centre
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, amplitudes)| {
+            for (i, amplitude) in amplitudes.iter_mut().enumerate() {
+                let mut power = weights[0] * *amplitude * *amplitude;
+                for plane in 1..tables.planes() {
+                    let other = others[(plane - 1) * stride + line * samples + i];
+                    power += weights[plane] * other * other;
+                }
+                *amplitude = power.sqrt();
             }
-            *amplitude = power.sqrt();
-        }
-    });
+        });
 }

@@ -37,7 +37,13 @@ pub struct Tone {
 
 impl Default for Tone {
     fn default() -> Self {
-        Self { gain_db: 0.0, tgc_db_cm: None, tgc_points: Vec::new(), dynamic_range_db: 60.0, gamma: 1.0 }
+        Self {
+            gain_db: 0.0,
+            tgc_db_cm: None,
+            tgc_points: Vec::new(),
+            dynamic_range_db: 60.0,
+            gamma: 1.0,
+        }
     }
 }
 
@@ -74,7 +80,10 @@ impl Tone {
 
     fn curve_db(&self, depth_mm: f64) -> f64 {
         let after = self.tgc_points.partition_point(|point| point[0] <= depth_mm);
-        match (after.checked_sub(1).map(|at| self.tgc_points[at]), self.tgc_points.get(after)) {
+        match (
+            after.checked_sub(1).map(|at| self.tgc_points[at]),
+            self.tgc_points.get(after),
+        ) {
             (Some([d0, g0]), Some([d1, g1])) => g0 + (g1 - g0) * (depth_mm - d0) / (d1 - d0),
             (Some([_, gain]), None) => gain,
             (None, Some([_, gain])) => *gain,
@@ -84,7 +93,11 @@ impl Tone {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "tone", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "tone",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "tone",
@@ -150,7 +163,11 @@ impl<T: Real> Curve<T> {
         // Below the smallest amplitude worth a logarithm everything is black.
         let share = self.middle + self.per_octave * amplitude.max(T::of(SMALLEST)).log2();
         let share = share.max(T::zero()).min(T::one());
-        full * if self.gamma == T::one() { share } else { share.powf(self.gamma) }
+        full * if self.gamma == T::one() {
+            share
+        } else {
+            share.powf(self.gamma)
+        }
     }
 }
 
@@ -174,11 +191,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = tables.samples();
     let curve = Curve::<T>::new(tables.settings.effects.tone.as_ref());
     let gain = tables.gain.of::<T>();
-    store.amplitude[..tables.lines() * samples].par_chunks_mut(samples).for_each(|amplitudes| {
-        for (amplitude, &gain) in amplitudes.iter_mut().zip(gain) {
-            *amplitude = curve.grey(*amplitude * gain);
-        }
-    });
+    store.amplitude[..tables.lines() * samples]
+        .par_chunks_mut(samples)
+        .for_each(|amplitudes| {
+            for (amplitude, &gain) in amplitudes.iter_mut().zip(gain) {
+                *amplitude = curve.grey(*amplitude * gain);
+            }
+        });
 }
 
 #[cfg(test)]
@@ -187,10 +206,16 @@ mod tests {
 
     #[test]
     fn known_ramp() {
-        let curve = Curve::<f64>::new(Some(&Tone { dynamic_range_db: 50.0, ..Tone::default() }));
+        let curve = Curve::<f64>::new(Some(&Tone {
+            dynamic_range_db: 50.0,
+            ..Tone::default()
+        }));
         for db in [-20.0, -10.0, 0.0, 5.0] {
             let grey = curve.grey(10f64.powf(db / 20.0));
-            assert!((grey - 255.0 * (MID_GREY + db / 50.0)).abs() < 1e-9, "{db} dB -> {grey}");
+            assert!(
+                (grey - 255.0 * (MID_GREY + db / 50.0)).abs() < 1e-9,
+                "{db} dB -> {grey}"
+            );
         }
         assert_eq!(curve.grey(0.0), 0.0);
         assert_eq!(curve.grey(1e9), 255.0);
@@ -199,7 +224,12 @@ mod tests {
 
     #[test]
     fn compensation_is_linear_between_points() {
-        let tone = Tone { gain_db: 1.0, tgc_db_cm: Some(2.0), tgc_points: vec![[10.0, 0.0], [30.0, 4.0]], ..Tone::default() };
+        let tone = Tone {
+            gain_db: 1.0,
+            tgc_db_cm: Some(2.0),
+            tgc_points: vec![[10.0, 0.0], [30.0, 4.0]],
+            ..Tone::default()
+        };
         assert_eq!(tone.gain_at_db(0.0, 9.0), 1.0);
         assert_eq!(tone.gain_at_db(20.0, 9.0), 1.0 + 4.0 + 2.0);
         assert_eq!(tone.gain_at_db(50.0, 9.0), 1.0 + 10.0 + 4.0);

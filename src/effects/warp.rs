@@ -7,14 +7,18 @@ use bytemuck::Zeroable;
 
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, Verdict};
-use crate::mechanics::mesh::pack::WarpParams;
 use crate::mechanics::mesh::map::map_lines;
+use crate::mechanics::mesh::pack::WarpParams;
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "warp", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "warp",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "warp",
@@ -29,7 +33,13 @@ static PASSES: &[Pass] = &[Pass {
         (CellElements, Read),
     ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,
@@ -49,7 +59,12 @@ fn wanted(tables: &Tables) -> Verdict {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let (lines, samples, planes) = (tables.lines() as u32, tables.samples() as u32, tables.planes() as u32);
-    ParamBlock::of(&WarpParams { lines, samples, planes, ..view.warp.copied().unwrap_or(WarpParams::zeroed()) })
+    ParamBlock::of(&WarpParams {
+        lines,
+        samples,
+        planes,
+        ..view.warp.copied().unwrap_or(WarpParams::zeroed())
+    })
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {

@@ -40,7 +40,11 @@ pub struct CpuExecutor<T: PassScalar> {
 impl<T: PassScalar> CpuExecutor<T> {
     /// Memory for a plan.
     pub fn new(plan: &Plan, tables: &Tables) -> Self {
-        let mut executor = Self { store: Store::default(), timed: false, times: Vec::new() };
+        let mut executor = Self {
+            store: Store::default(),
+            timed: false,
+            times: Vec::new(),
+        };
         executor.fit(plan, tables);
         executor
     }
@@ -52,7 +56,13 @@ impl<T: PassScalar> CpuExecutor<T> {
     }
 
     /// Runs the passes and copies the pixels out.
-    pub fn render(&mut self, plan: &Plan, tables: &Tables, state: &FrameState, pixels: &mut [u8]) -> Result<(), SynthError> {
+    pub fn render(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+        pixels: &mut [u8],
+    ) -> Result<(), SynthError> {
         self.run(&plan.passes, tables, state)?;
         pixels.copy_from_slice(&self.store.pixels);
         Ok(())
@@ -61,17 +71,25 @@ impl<T: PassScalar> CpuExecutor<T> {
     /// Runs some passes of a plan.
     pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let (Some(nodes), Some((deformed, _))) = (&state.nodes, &mut self.store.locators) {
-            deformed
-                .update(nodes)
-                .map_err(|error| SynthError::Nodes { found: error.found, expected: error.expected })?;
+            deformed.update(nodes).map_err(|error| SynthError::Nodes {
+                found: error.found,
+                expected: error.expected,
+            })?;
         }
-        let view = View { tables, state, warp: None };
+        let view = View {
+            tables,
+            state,
+            warp: None,
+        };
         self.times.clear();
         for planned in passes {
             let start = Instant::now();
             T::reference(planned.pass)(&view, &mut self.store);
             if self.timed {
-                self.times.push(PassTime { name: planned.pass.name, ms: start.elapsed().as_secs_f64() * 1e3 });
+                self.times.push(PassTime {
+                    name: planned.pass.name,
+                    ms: start.elapsed().as_secs_f64() * 1e3,
+                });
             }
         }
         Ok(())

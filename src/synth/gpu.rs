@@ -8,14 +8,21 @@ use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use crate::effects::needle;
 use crate::effects::pass::{Access, Band, Pass, Resource, View};
-use crate::gpu::{self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms};
+use crate::gpu::{
+    self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms,
+};
 use crate::mechanics::mesh::Locator;
 use crate::mechanics::mesh::pack::{StaticLengths, WarpBuffers};
 use crate::plan::Plan;
 
 /// What a plan asks of a device beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
-    let largest = plan.resources.iter().filter(|planned| !planned.resource.is_per_pixel()).map(|planned| planned.bytes).max();
+    let largest = plan
+        .resources
+        .iter()
+        .filter(|planned| !planned.resource.is_per_pixel())
+        .map(|planned| planned.bytes)
+        .max();
     let most = plan.passes.iter().map(|planned| planned.pass.bindings.len()).max();
     Needs {
         storage_binding_bytes: largest.unwrap_or(0),
@@ -89,22 +96,42 @@ impl GpuExecutor {
                 if self.warp.is_none() {
                     let deformed = Locator::new(mesh);
                     let buffers = WarpBuffers::new(&deformed, &deformed);
-                    self.warp = Some(Warp { deformed, buffers, stale: true });
+                    self.warp = Some(Warp {
+                        deformed,
+                        buffers,
+                        stale: true,
+                    });
                 }
             }
             _ => self.warp = None,
         }
         for planned in &plan.resources {
-            let parts = if planned.resource.is_per_pixel() { self.bands.len() } else { 1 };
+            let parts = if planned.resource.is_per_pixel() {
+                self.bands.len()
+            } else {
+                1
+            };
             for part in 0..parts {
-                self.fit_buffer(planned.resource, planned.bytes, part, tables, changed.contains(&planned.resource))?;
+                self.fit_buffer(
+                    planned.resource,
+                    planned.bytes,
+                    part,
+                    tables,
+                    changed.contains(&planned.resource),
+                )?;
             }
         }
         self.fit_steps(plan, tables)?;
         self.readbacks = self
             .bands
             .iter()
-            .map(|band| Readback::new(&self.gpu, "pixels", u64::from(band.rows) * tables.words_per_row() as u64 * 4))
+            .map(|band| {
+                Readback::new(
+                    &self.gpu,
+                    "pixels",
+                    u64::from(band.rows) * tables.words_per_row() as u64 * 4,
+                )
+            })
             .collect::<Result<_, _>>()?;
         self.texture = None;
         if self.timer.is_some() {
@@ -113,14 +140,24 @@ impl GpuExecutor {
         Ok(())
     }
 
-    fn fit_buffer(&mut self, resource: Resource, bytes: u64, part: usize, tables: &Tables, changed: bool) -> Result<(), GpuError> {
+    fn fit_buffer(
+        &mut self,
+        resource: Resource,
+        bytes: u64,
+        part: usize,
+        tables: &Tables,
+        changed: bool,
+    ) -> Result<(), GpuError> {
         let bytes = if resource.is_per_pixel() {
             bytes / tables.height() as u64 * u64::from(self.bands[part].rows)
         } else {
             bytes
         };
         let key = (resource, part);
-        let fits = self.buffers.get(&key).is_some_and(|buffer| buffer.bytes() == bytes.next_multiple_of(4).max(4));
+        let fits = self
+            .buffers
+            .get(&key)
+            .is_some_and(|buffer| buffer.bytes() == bytes.next_multiple_of(4).max(4));
         if !fits {
             let buffer = StorageBuffer::zeroed(&self.gpu, &format!("{resource:?}"), bytes)?;
             self.buffers.insert(key, buffer);
@@ -139,27 +176,55 @@ impl GpuExecutor {
 
     fn fit_steps(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
         self.steps.clear();
-        let dispatches = plan.passes.iter().map(|planned| if is_per_pixel(planned.pass) { self.bands.len() } else { 1 });
+        let dispatches = plan.passes.iter().map(|planned| {
+            if is_per_pixel(planned.pass) {
+                self.bands.len()
+            } else {
+                1
+            }
+        });
         self.uniforms = Uniforms::new(&self.gpu, "parameters", dispatches.sum::<usize>() as u32)?;
-        let whole = Band { first_row: 0, rows: tables.height() as u32 };
+        let whole = Band {
+            first_row: 0,
+            rows: tables.height() as u32,
+        };
         let mut flipped = false;
         for planned in &plan.passes {
             let pass = planned.pass;
             let pipeline = self.pipeline(pass)?;
-            let bands: Cow<[Band]> = if is_per_pixel(pass) { self.bands.clone().into() } else { vec![whole].into() };
+            let bands: Cow<[Band]> = if is_per_pixel(pass) {
+                self.bands.clone().into()
+            } else {
+                vec![whole].into()
+            };
             for (part, &band) in bands.iter().enumerate() {
                 let bound: Vec<&StorageBuffer> = pass
                     .bindings
                     .iter()
-                    .map(|&(resource, _)| &self.buffers[&(actual(resource, flipped), if resource.is_per_pixel() { part } else { 0 })])
+                    .map(|&(resource, _)| {
+                        &self.buffers[&(
+                            actual(resource, flipped),
+                            if resource.is_per_pixel() { part } else { 0 },
+                        )]
+                    })
                     .collect();
                 let bindings = pipeline.bind(&self.gpu, &self.uniforms, &bound)?;
                 let workgroups = (pass.workgroups)(tables, band);
-                self.steps.push(Step { pass, pipeline: pipeline.clone(), bindings, band, workgroups });
+                self.steps.push(Step {
+                    pass,
+                    pipeline: pipeline.clone(),
+                    bindings,
+                    band,
+                    workgroups,
+                });
             }
             flipped ^= pass.flips;
         }
-        let used: Vec<_> = self.steps.iter().map(|step| (step.pass.name, step.pass.entry)).collect();
+        let used: Vec<_> = self
+            .steps
+            .iter()
+            .map(|step| (step.pass.name, step.pass.entry))
+            .collect();
         self.pipelines.retain(|key, _| used.contains(key));
         Ok(())
     }
@@ -176,8 +241,13 @@ impl GpuExecutor {
                 Access::Write => gpu::Access::ReadWrite,
             })
             .collect();
-        let source =
-            PassSource { label: pass.name, source: pass.shader, entry: pass.entry, storage: &storage, constants: &[] };
+        let source = PassSource {
+            label: pass.name,
+            source: pass.shader,
+            entry: pass.entry,
+            storage: &storage,
+            constants: &[],
+        };
         let pipeline = Pipeline::new(&self.gpu, &source)?;
         self.pipelines.insert((pass.name, pass.entry), pipeline.clone());
         Ok(pipeline)
@@ -196,7 +266,7 @@ impl GpuExecutor {
         }
         self.upload(tables, state)?;
         let into_texture = if pixels.is_none() { self.texture.as_ref() } else { None };
-                self.gpu.submit("frame", |recorder| {
+        self.gpu.submit("frame", |recorder| {
             let dispatches = dispatches(&self.steps);
             match &self.timer {
                 Some(timer) => recorder.run_timed(timer, dispatches)?,
@@ -226,24 +296,47 @@ impl GpuExecutor {
     /// Runs the steps up to and including a pass, and nothing after it; all of them if there is none of that name.
     pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         self.upload(tables, state)?;
-        let end = self.steps.iter().rposition(|step| step.pass.name == pass).map_or(self.steps.len(), |at| at + 1);
-        Ok(self.gpu.submit("part of a frame", |recorder| recorder.run("part of a frame", dispatches(&self.steps[..end])))?)
+        let end = self
+            .steps
+            .iter()
+            .rposition(|step| step.pass.name == pass)
+            .map_or(self.steps.len(), |at| at + 1);
+        Ok(self.gpu.submit("part of a frame", |recorder| {
+            recorder.run("part of a frame", dispatches(&self.steps[..end]))
+        })?)
     }
 
     fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let Some(warp) = &mut self.warp {
             if let Some(nodes) = &state.nodes {
-                warp.deformed
-                    .update(nodes)
-                    .map_err(|error| SynthError::Nodes { found: error.found, expected: error.expected })?;
+                warp.deformed.update(nodes).map_err(|error| SynthError::Nodes {
+                    found: error.found,
+                    expected: error.expected,
+                })?;
             }
             if warp.stale || state.nodes.is_some() {
                 warp.buffers.refill(&warp.deformed);
-                let fixed = if warp.stale { StaticLengths { frames: 0, starts: 0, lists: 0 } } else { warp.buffers.static_lengths() };
+                let fixed = if warp.stale {
+                    StaticLengths {
+                        frames: 0,
+                        starts: 0,
+                        lists: 0,
+                    }
+                } else {
+                    warp.buffers.static_lengths()
+                };
                 let buffers = &warp.buffers;
                 let send = |resource: Resource| &self.buffers[&(resource, 0)];
-                send(Resource::ElementMaps).write(&self.gpu, fixed.frames as u64 * 16, &buffers.frames[fixed.frames..])?;
-                send(Resource::CellStarts).write(&self.gpu, fixed.starts as u64 * 4, &buffers.starts[fixed.starts..])?;
+                send(Resource::ElementMaps).write(
+                    &self.gpu,
+                    fixed.frames as u64 * 16,
+                    &buffers.frames[fixed.frames..],
+                )?;
+                send(Resource::CellStarts).write(
+                    &self.gpu,
+                    fixed.starts as u64 * 4,
+                    &buffers.starts[fixed.starts..],
+                )?;
                 send(Resource::CellElements).write(&self.gpu, fixed.lists as u64 * 4, &buffers.lists[fixed.lists..])?;
                 if warp.stale {
                     send(Resource::Adjacency).write(&self.gpu, 0, &buffers.neighbours)?;
@@ -251,15 +344,21 @@ impl GpuExecutor {
                 warp.stale = false;
             }
         }
-        let view = View { tables, state, warp: self.warp.as_ref().map(|warp| &warp.buffers.params) };
+        let view = View {
+            tables,
+            state,
+            warp: self.warp.as_ref().map(|warp| &warp.buffers.params),
+        };
         if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
             needle::segments(&view, &mut self.segments);
             self.segments_f32.clear();
-            self.segments_f32.extend(self.segments.iter().map(|ends| ends.map(|end| end.map(|x| x as f32))));
+            self.segments_f32
+                .extend(self.segments.iter().map(|ends| ends.map(|end| end.map(|x| x as f32))));
             buffer.write(&self.gpu, 0, &self.segments_f32)?;
         }
         for (slot, step) in self.steps.iter().enumerate() {
-            self.uniforms.set(slot as u32, (step.pass.params)(&view, step.band).slot())?;
+            self.uniforms
+                .set(slot as u32, (step.pass.params)(&view, step.band).slot())?;
         }
         Ok(self.uniforms.write(&self.gpu)?)
     }
@@ -291,7 +390,12 @@ impl GpuExecutor {
         let timings = timer.read(&self.gpu)?;
         for planned in &plan.passes {
             let name = planned.pass.name;
-            let ms = timings.passes.iter().filter(|pass| pass.name == name).map(|pass| pass.ms).sum();
+            let ms = timings
+                .passes
+                .iter()
+                .filter(|pass| pass.name == name)
+                .map(|pass| pass.ms)
+                .sum();
             self.times.push(PassTime { name, ms });
         }
         Ok(())
@@ -301,18 +405,25 @@ impl GpuExecutor {
     pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |resource: Resource, per_sample: usize| -> Result<Vec<u32>, GpuError> {
-            let Some(buffer) = self.buffers.get(&(resource, 0)) else { return Ok(Vec::new()) };
+            let Some(buffer) = self.buffers.get(&(resource, 0)) else {
+                return Ok(Vec::new());
+            };
             let mut readback = Readback::new(&self.gpu, "beam", (count * per_sample * 4) as u64)?;
             let mut words = vec![0u32; count * per_sample];
-            self.gpu.submit("beam", |recorder| recorder.read_back(buffer, &readback))?;
+            self.gpu
+                .submit("beam", |recorder| recorder.read_back(buffer, &readback))?;
             readback.read(&self.gpu, &mut words)?;
             Ok(words)
         };
-        let numbers = |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
+        let numbers =
+            |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
         Ok(Beam {
             lines: tables.lines(),
             samples: tables.samples(),
-            position: numbers(words(Resource::Position, 4)?).chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect(),
+            position: numbers(words(Resource::Position, 4)?)
+                .chunks_exact(4)
+                .map(|p| [p[0], p[1], p[2], p[3]])
+                .collect(),
             element: words(Resource::Element, 1)?,
             label: words(Resource::Label, 1)?.into_iter().map(|word| word as u8).collect(),
             amplitude: numbers(words(actual(Resource::Amplitude, flipped), 1)?),
@@ -381,13 +492,23 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
             bytes
         }
         Resource::LabelRows => bytemuck::cast_slice(&tables.label_rows).to_vec(),
-        Resource::TextureEntries => {
-            tables.atlas.as_ref().map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec())
-        }
+        Resource::TextureEntries => tables
+            .atlas
+            .as_ref()
+            .map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec()),
         Resource::Atlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
-        Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| floats(speckle.axial.of())),
-        Resource::LateralKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| floats(speckle.lateral.weights.of())),
-        Resource::BlurKernel => tables.blur.as_ref().map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
+        Resource::AxialKernel => tables
+            .speckle
+            .as_ref()
+            .map_or(Vec::new(), |speckle| floats(speckle.axial.of())),
+        Resource::LateralKernel => tables
+            .speckle
+            .as_ref()
+            .map_or(Vec::new(), |speckle| floats(speckle.lateral.weights.of())),
+        Resource::BlurKernel => tables
+            .blur
+            .as_ref()
+            .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
         Resource::LineSpacing => floats(tables.line_spacing.of()),
         Resource::Gain => floats(tables.gain.of()),
         Resource::ScanMap => {

@@ -94,7 +94,10 @@ impl Layer {
             if at[0] < 0.0 {
                 return 0;
             }
-            values.get((at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize).copied().unwrap_or(0)
+            values
+                .get((at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize)
+                .copied()
+                .unwrap_or(0)
         };
         tables.scan_map.iter().map(pixel).collect()
     }

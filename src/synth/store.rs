@@ -43,7 +43,10 @@ impl<T: Real> Store<T> {
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
         let beam = tables.lines() * tables.samples();
         let pixels = tables.width() * tables.height();
-        let fine = tables.speckle.as_ref().map_or(0, |speckle| 2 * speckle.fine_lines(tables.lines()) * tables.samples());
+        let fine = tables
+            .speckle
+            .as_ref()
+            .map_or(0, |speckle| 2 * speckle.fine_lines(tables.lines()) * tables.samples());
         let count = |resource: Resource, n: usize| if plan.uses(resource) { n } else { 0 };
         let all = beam * tables.planes();
         resize(&mut self.position, count(Resource::Position, all), [T::zero(); 4]);

@@ -124,7 +124,11 @@ impl Tables {
             line_spacing: line_spacing(&grid),
             label_rows: Vec::new(),
             atlas: None,
-            speckle: settings.effects.speckle.as_ref().map(|speckle| SpeckleTables::new(speckle, &grid)),
+            speckle: settings
+                .effects
+                .speckle
+                .as_ref()
+                .map(|speckle| SpeckleTables::new(speckle, &grid)),
             blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
             gain: Numbers::default(),
             warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
@@ -145,7 +149,11 @@ impl Tables {
         settings.effects.validate()?;
         let (old, new) = (&self.settings, &settings);
         let probe = old.probe != new.probe;
-        let grid = if probe { BeamGrid::new(&new.probe)? } else { self.grid.clone() };
+        let grid = if probe {
+            BeamGrid::new(&new.probe)?
+        } else {
+            self.grid.clone()
+        };
         let image_grid = image_grid(&grid, &new.image)?;
         let speckle = probe || old.effects.speckle != new.effects.speckle;
         let blur = probe || old.effects.blur != new.effects.blur;
@@ -168,7 +176,12 @@ impl Tables {
             changed.extend([Resource::Rays, Resource::LineSpacing]);
         }
         if speckle {
-            self.speckle = self.settings.effects.speckle.as_ref().map(|speckle| SpeckleTables::new(speckle, &self.grid));
+            self.speckle = self
+                .settings
+                .effects
+                .speckle
+                .as_ref()
+                .map(|speckle| SpeckleTables::new(speckle, &self.grid));
             changed.extend([Resource::AxialKernel, Resource::LateralKernel]);
         }
         if blur {
@@ -207,12 +220,20 @@ impl Tables {
 
     /// Elevational sub-planes.
     pub fn planes(&self) -> usize {
-        self.settings.effects.thickness.as_ref().map_or(1, |thickness| thickness.planes as usize)
+        self.settings
+            .effects
+            .thickness
+            .as_ref()
+            .map_or(1, |thickness| thickness.planes as usize)
     }
 
     /// Distance between sub-planes, mm.
     pub fn plane_mm(&self) -> f64 {
-        self.settings.effects.thickness.as_ref().map_or(0.0, |thickness| thickness.plane_mm())
+        self.settings
+            .effects
+            .thickness
+            .as_ref()
+            .map_or(0.0, |thickness| thickness.plane_mm())
     }
 
     /// Pixels in a row.
@@ -234,7 +255,10 @@ impl Tables {
     pub fn bytes(&self, resource: Resource) -> u64 {
         let beam = (self.lines() * self.samples()) as u64;
         let pixels = (self.width() * self.height()) as u64;
-        let fine = self.speckle.as_ref().map_or(0, |speckle| speckle.fine_lines(self.lines()) * self.samples()) as u64;
+        let fine = self
+            .speckle
+            .as_ref()
+            .map_or(0, |speckle| speckle.fine_lines(self.lines()) * self.samples()) as u64;
         let depth_kernel = |reach: usize| ((2 * reach + 1) * self.samples() * 4) as u64;
         match resource {
             Resource::Rays => self.lines() as u64 * 16,
@@ -246,12 +270,25 @@ impl Tables {
             Resource::CellElements => self.warp_items(|warp| warp.lists) * 4,
             Resource::Voxels => self.volume.voxels().len().div_ceil(4) as u64 * 4,
             Resource::LabelRows => size_of_val(self.label_rows.as_slice()) as u64,
-            Resource::TextureEntries => self.atlas.as_ref().map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64,
-            Resource::Atlas => self.atlas.as_ref().map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
+            Resource::TextureEntries => {
+                self.atlas
+                    .as_ref()
+                    .map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64
+            }
+            Resource::Atlas => self
+                .atlas
+                .as_ref()
+                .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
             Resource::AmplitudeNext | Resource::NeedleMask | Resource::Loss => beam * 4,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,
-            Resource::AxialKernel => self.speckle.as_ref().map_or(0, |speckle| speckle.axial.of::<f32>().len() * 4) as u64,
-            Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| depth_kernel(speckle.lateral.reach)),
+            Resource::AxialKernel => self
+                .speckle
+                .as_ref()
+                .map_or(0, |speckle| speckle.axial.of::<f32>().len() * 4) as u64,
+            Resource::LateralKernel => self
+                .speckle
+                .as_ref()
+                .map_or(0, |speckle| depth_kernel(speckle.lateral.reach)),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
             Resource::Needle => (MAX_SEGMENTS * 32) as u64,
@@ -268,7 +305,11 @@ impl Tables {
     fn gain_table(&self) -> Numbers {
         let effects = &self.settings.effects;
         let attenuates = effects.shadow.as_ref().is_some_and(|shadow| shadow.attenuation);
-        let matched = if attenuates { 2.0 * SOFT_TISSUE_DB_CM_MHZ * self.settings.probe.frequency_mhz } else { 0.0 };
+        let matched = if attenuates {
+            2.0 * SOFT_TISSUE_DB_CM_MHZ * self.settings.probe.frequency_mhz
+        } else {
+            0.0
+        };
         let gain = |sample: usize| match &effects.tone {
             Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched) / 20.0),
             None => 1.0,
@@ -284,10 +325,9 @@ impl Tables {
         let effects = &self.settings.effects;
         let row = |label: usize| {
             let tissue = self.anatomy.tissues.of(label as u8);
-            let db = effects
-                .shadow
-                .as_ref()
-                .map_or(0.0, |shadow| shadow.db_per_mm(tissue, self.settings.probe.frequency_mhz) * self.sample_mm());
+            let db = effects.shadow.as_ref().map_or(0.0, |shadow| {
+                shadow.db_per_mm(tissue, self.settings.probe.frequency_mhz) * self.sample_mm()
+            });
             LabelRow {
                 echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
                 impedance: tissue.impedance_mrayl as f32,
@@ -304,12 +344,19 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 }
 
 fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {
-    grid.rays().iter().map(|ray| [ray.origin[0], ray.origin[1], ray.direction[0], ray.direction[1]]).collect()
+    grid.rays()
+        .iter()
+        .map(|ray| [ray.origin[0], ray.origin[1], ray.direction[0], ray.direction[1]])
+        .collect()
 }
 
 fn line_spacing(grid: &BeamGrid) -> Numbers {
     // A single scanline has no neighbours: any finite spacing serves, since their difference is nil.
-    Numbers::new((0..grid.samples()).map(|sample| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6)).collect())
+    Numbers::new(
+        (0..grid.samples())
+            .map(|sample| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6))
+            .collect(),
+    )
 }
 
 /// The scan map with coordinates inside the sector moved onto the grid, so that the first and last half sample repeat.

@@ -98,12 +98,20 @@ fn text(header: &mut Header, reader: &mut BufReader<File>, begin: u64, stored: u
             return Err(short(header, at, bytes.len() as u64, expected as u64));
         }
         let words = String::from_utf8_lossy(&line);
-        for word in words.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()) {
+        for word in words
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|word| !word.is_empty())
+        {
             if read == count {
                 break;
             }
             element.push_text(word, &mut bytes).ok_or_else(|| {
-                VolumeError::malformed(&header.data.path, At::Byte(at), quoted(word), format!("a number of type {}", element.name()))
+                VolumeError::malformed(
+                    &header.data.path,
+                    At::Byte(at),
+                    quoted(word),
+                    format!("a number of type {}", element.name()),
+                )
             })?;
             read += 1;
         }
@@ -158,7 +166,12 @@ fn unpack(
     };
     let encoding = header.data.encoding;
     if encoding != Encoding::Bzip2 && expected as u64 > stored.saturating_mul(DEFLATE_RATIO) {
-        return Err(short(header, begin + stored, stored.saturating_mul(DEFLATE_RATIO), expected as u64));
+        return Err(short(
+            header,
+            begin + stored,
+            stored.saturating_mul(DEFLATE_RATIO),
+            expected as u64,
+        ));
     }
     let mut sink = Sink {
         skip,
@@ -176,7 +189,9 @@ fn unpack(
         if let Err(cause) = drained {
             return Err(broken(header, at, sink.kept.len(), expected, &cause));
         }
-        let more = reader.fill_buf().map_err(|cause| VolumeError::read(&header.data.path, cause))?;
+        let more = reader
+            .fill_buf()
+            .map_err(|cause| VolumeError::read(&header.data.path, cause))?;
         let another_member = match encoding {
             Encoding::Bzip2 => more.starts_with(b"BZh"),
             Encoding::Zlib => false,
@@ -191,7 +206,8 @@ fn unpack(
         return Err(short(header, at, sink.kept.len() as u64, expected as u64));
     }
     if sink.over {
-        let warning = format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
+        let warning =
+            format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
         header.warnings.push(warning);
     }
     Ok(sink.kept)
@@ -200,14 +216,15 @@ fn unpack(
 fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
     let path = &header.data.path;
     match cause.kind() {
-        io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::Other => {
-            VolumeError::malformed(
-                path,
-                At::Byte(at),
-                format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
-                format!("{expected} bytes unpacked"),
-            )
-        }
+        io::ErrorKind::UnexpectedEof
+        | io::ErrorKind::InvalidInput
+        | io::ErrorKind::InvalidData
+        | io::ErrorKind::Other => VolumeError::malformed(
+            path,
+            At::Byte(at),
+            format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
+            format!("{expected} bytes unpacked"),
+        ),
         _ => VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string())),
     }
 }

@@ -73,7 +73,10 @@ pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
 /// Parses the header of an image of any known format.
 pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("img")) {
+    if path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("img"))
+    {
         let header = path.with_extension("hdr");
         if header.is_file() {
             return nifti::read_header(&header);
@@ -93,10 +96,18 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
         let mut inner = [0; 4];
         return match GzDecoder::new(&start[..]).read_exact(&mut inner) {
             Ok(()) if nifti::is_header(&inner) => nifti::read_header(path),
-            Ok(()) => Err(other_format(path, &format!("gzip of data that start {}", quoted(&String::from_utf8_lossy(&inner))))),
+            Ok(()) => Err(other_format(
+                path,
+                &format!("gzip of data that start {}", quoted(&String::from_utf8_lossy(&inner))),
+            )),
             Err(cause) => {
                 let found = format!("broken compressed data ({cause})");
-                Err(VolumeError::malformed(path, At::Byte(0), found, "gzip data that unpack to a NIfTI-1 header"))
+                Err(VolumeError::malformed(
+                    path,
+                    At::Byte(0),
+                    found,
+                    "gzip data that unpack to a NIfTI-1 header",
+                ))
             }
         };
     }
@@ -108,9 +119,21 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
         return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
     }
     let shown = String::from_utf8_lossy(&start[..start.len().min(16)]).into_owned();
-    Err(other_format(path, &if start.is_empty() { "an empty file".to_owned() } else { quoted(&shown) }))
+    Err(other_format(
+        path,
+        &if start.is_empty() {
+            "an empty file".to_owned()
+        } else {
+            quoted(&shown)
+        },
+    ))
 }
 
 fn other_format(path: &Path, found: &str) -> VolumeError {
-    VolumeError::malformed(path, At::Byte(0), found, "the start of a NIfTI-1, NRRD or MetaImage file")
+    VolumeError::malformed(
+        path,
+        At::Byte(0),
+        found,
+        "the start of a NIfTI-1, NRRD or MetaImage file",
+    )
 }

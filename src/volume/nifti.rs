@@ -30,7 +30,9 @@ const AT_MAGIC: At = At::Byte(344);
 
 /// Whether these first bytes of a file (unpacked) are those of a NIfTI or Analyze header.
 pub(crate) fn is_header(start: &[u8]) -> bool {
-    [348i32, 540].iter().any(|size| start.starts_with(&size.to_le_bytes()) || start.starts_with(&size.to_be_bytes()))
+    [348i32, 540]
+        .iter()
+        .any(|size| start.starts_with(&size.to_le_bytes()) || start.starts_with(&size.to_be_bytes()))
 }
 
 /// Reads the header of a NIfTI-1 file, plain or gzipped.
@@ -48,14 +50,22 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
 pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
     let mut start = Vec::with_capacity(EXTENSIONS_START);
     take(path, &mut reader, EXTENSIONS_START as u64, &mut start)?;
-    if [540i32.to_le_bytes(), 540i32.to_be_bytes()].iter().any(|size| start.starts_with(size)) {
+    if [540i32.to_le_bytes(), 540i32.to_be_bytes()]
+        .iter()
+        .any(|size| start.starts_with(size))
+    {
         let instead = "NIfTI-1, NRRD and MetaImage are read";
         return Err(VolumeError::unsupported(path, At::Byte(0), "NIfTI-2", instead));
     }
     if start.len() < HEADER_BYTES {
         let found = format!("the end of the file after {} bytes", start.len());
         let expected = format!("a NIfTI-1 header of {HEADER_BYTES} bytes");
-        return Err(VolumeError::malformed(path, At::Byte(start.len() as u64), found, expected));
+        return Err(VolumeError::malformed(
+            path,
+            At::Byte(start.len() as u64),
+            found,
+            expected,
+        ));
     }
     let raw = NiftiHeader::from_reader(&start[..HEADER_BYTES])
         .map_err(|cause| VolumeError::malformed(path, At::Byte(0), cause.to_string(), "a NIfTI-1 header"))?;
@@ -120,13 +130,17 @@ pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
 }
 
 fn take(path: &Path, reader: &mut impl Read, length: u64, out: &mut Vec<u8>) -> Result<(), VolumeError> {
-    reader.take(length).read_to_end(out).map(drop).map_err(|cause| match cause.kind() {
-        std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidInput | std::io::ErrorKind::InvalidData => {
-            let found = format!("broken compressed data ({cause}) in the header");
-            VolumeError::malformed(path, At::Byte(0), found, "gzip data that unpack to a NIfTI-1 header")
-        }
-        _ => VolumeError::read(path, cause),
-    })
+    reader
+        .take(length)
+        .read_to_end(out)
+        .map(drop)
+        .map_err(|cause| match cause.kind() {
+            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidInput | std::io::ErrorKind::InvalidData => {
+                let found = format!("broken compressed data ({cause}) in the header");
+                VolumeError::malformed(path, At::Byte(0), found, "gzip data that unpack to a NIfTI-1 header")
+            }
+            _ => VolumeError::read(path, cause),
+        })
 }
 
 /// Where the data begin; files that say 0 mean the first byte they can.
@@ -187,11 +201,7 @@ fn element(path: &Path, raw: &NiftiHeader) -> Result<Element, VolumeError> {
 }
 
 /// Index axes and origin in LPS mm, from sform, else qform, else the voxel sizes alone (`nifti1.h`, methods 3, 2, 1).
-fn axes(
-    path: &Path,
-    raw: &NiftiHeader,
-    warnings: &mut Vec<String>,
-) -> Result<(Vec<Axis>, Vector3<f64>), VolumeError> {
+fn axes(path: &Path, raw: &NiftiHeader, warnings: &mut Vec<String>) -> Result<(Vec<Axis>, Vector3<f64>), VolumeError> {
     let dimensions = usize::from(raw.dim[0]);
     let sizes = match raw.dim.get(1..=dimensions) {
         Some(sizes) if (1..=7).contains(&dimensions) && sizes.iter().all(|&n| n > 0 && n <= i16::MAX as u16) => sizes,
@@ -253,7 +263,12 @@ fn spacing(path: &Path, raw: &NiftiHeader, dimensions: usize) -> Result<[f64; 3]
         let unused = found == 0.0 && raw.dim[axis + 1] == 1;
         if !unused && !(found > 0.0 && found.is_finite()) {
             let text = format!("pixdim {:?}", &raw.pixdim[1..4]);
-            return Err(VolumeError::malformed(path, AT_PIXDIM, text, "voxel sizes above 0 and finite"));
+            return Err(VolumeError::malformed(
+                path,
+                AT_PIXDIM,
+                text,
+                "voxel sizes above 0 and finite",
+            ));
         }
         if !unused {
             *value = found;
@@ -292,7 +307,10 @@ fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<Stri
     while bytes.len() >= 8 {
         let length = usize::try_from(word(bytes)).unwrap_or(0);
         if length < 8 || length > bytes.len() {
-            warnings.push(format!("header extension of {length} bytes where {} are left: ignored", bytes.len()));
+            warnings.push(format!(
+                "header extension of {length} bytes where {} are left: ignored",
+                bytes.len()
+            ));
             break;
         }
         // Some writers give their XML the code of a plain comment, so the content decides.
@@ -346,14 +364,20 @@ mod tests {
         bytes[268..272].copy_from_slice(&10f32.to_le_bytes());
         bytes[76..80].copy_from_slice(&(-1f32).to_le_bytes());
         let world = read(&bytes).unwrap().grid().unwrap().index_to_world;
-        assert!((world.diagonal() - nalgebra::Vector4::new(1.5, 2.0, -2.5, 1.0)).norm() < 1e-12, "{world}");
+        assert!(
+            (world.diagonal() - nalgebra::Vector4::new(1.5, 2.0, -2.5, 1.0)).norm() < 1e-12,
+            "{world}"
+        );
         assert_eq!(world[(0, 3)], -10.0);
     }
 
     #[test]
     fn broken_fields_name_their_byte() {
         for (bytes, expected) in [
-            (with(80, &(-1f32).to_le_bytes()), "byte 76: found pixdim [-1.0, 2.0, 2.5]"),
+            (
+                with(80, &(-1f32).to_le_bytes()),
+                "byte 76: found pixdim [-1.0, 2.0, 2.5]",
+            ),
             (with(80, &0f32.to_le_bytes()), "byte 76: found pixdim"),
             (with(80, &f32::NAN.to_le_bytes()), "byte 76: found pixdim [NaN"),
             (with(42, &(-2i16).to_le_bytes()), "byte 40: found dim [3, -2, 3, 4"),
@@ -364,7 +388,10 @@ mod tests {
             (with(108, &f32::NAN.to_le_bytes()), "byte 108: found vox_offset NaN"),
             (with(344, b"xxxx"), "byte 344: found magic \"xxxx\""),
             (with(0, &540i32.to_le_bytes()), "byte 0: NIfTI-2 is not supported"),
-            (sample()[..200].to_vec(), "byte 200: found the end of the file after 200 bytes"),
+            (
+                sample()[..200].to_vec(),
+                "byte 200: found the end of the file after 200 bytes",
+            ),
         ] {
             let message = read(&bytes).map(|_| "loaded").unwrap_err();
             assert!(message.contains(expected), "{message} should hold {expected}");

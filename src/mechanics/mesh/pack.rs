@@ -5,8 +5,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::grid::CellGrid;
 use super::TetMesh;
+use super::grid::CellGrid;
 use super::locator::Locator;
 
 /// One grid in the shader's uniform.

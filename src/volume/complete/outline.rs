@@ -38,7 +38,11 @@ impl Outline {
         let coarse = [0, 1, 2].map(|axis| spacing[axis] * cell[axis] as f64);
         let reach = CLOSING_MM + WALL_MM + layers_mm;
         let margin = [0, 1, 2].map(|axis| {
-            if axis == slice_axis { 0 } else { (reach / coarse[axis]).ceil() as usize + 2 }
+            if axis == slice_axis {
+                0
+            } else {
+                (reach / coarse[axis]).ceil() as usize + 2
+            }
         });
         let grid_size = [0, 1, 2].map(|axis| size[axis].div_ceil(cell[axis]) + 2 * margin[axis]);
         let labelled = coarse_mask(volume, cell, margin, grid_size);
@@ -49,7 +53,9 @@ impl Outline {
         let seeds = |inside: &dyn Fn(usize) -> bool| Grid {
             size: grid_size,
             spacing: coarse,
-            values: (0..labelled.len()).map(|at| if inside(at) { 0.0 } else { NONE }).collect(),
+            values: (0..labelled.len())
+                .map(|at| if inside(at) { 0.0 } else { NONE })
+                .collect(),
         };
         let radius = (CLOSING_MM * CLOSING_MM) as f32;
         let mut dilated = seeds(&|at| labelled[at]);
@@ -57,7 +63,9 @@ impl Outline {
         let mut outside = seeds(&|at| dilated.values[at] > radius);
         outside.transform(&in_slice);
         // Where nothing of a slice is outside the dilation the margin was too small to matter: it is all inside.
-        let closed: Vec<bool> = (0..labelled.len()).map(|at| labelled[at] || outside.values[at] > radius).collect();
+        let closed: Vec<bool> = (0..labelled.len())
+            .map(|at| labelled[at] || outside.values[at] > radius)
+            .collect();
         let mut to_closed = seeds(&|at| closed[at]);
         to_closed.transform(&in_slice);
         let mut to_open = seeds(&|at| !closed[at]);
@@ -73,7 +81,11 @@ impl Outline {
         let mut core = Grid {
             size: grid_size,
             spacing: coarse,
-            values: signed.values.iter().map(|&d| if d <= 0.0 { 0.0 } else { NONE }).collect(),
+            values: signed
+                .values
+                .iter()
+                .map(|&d| if d <= 0.0 { 0.0 } else { NONE })
+                .collect(),
         };
         // Distance in three dimensions, so that the layers keep their thickness where the outline slants; within a cell
         // of the edge the smooth distance is the finer one.
@@ -87,7 +99,11 @@ impl Outline {
             .zip(&signed.values)
             .zip(&near_label.values)
             .for_each(|((value, &smooth), &label)| {
-                let body = if *value > 0.0 { (value.sqrt() - half_cell).min(smooth) } else { smooth };
+                let body = if *value > 0.0 {
+                    (value.sqrt() - half_cell).min(smooth)
+                } else {
+                    smooth
+                };
                 *value = body.min(label.sqrt() - half_cell) - wall;
             });
         core.smooth_lightly();
@@ -138,18 +154,20 @@ impl Outline {
 fn coarse_mask(volume: &LabelVolume, cell: [usize; 3], margin: [usize; 3], size: [usize; 3]) -> Vec<bool> {
     let [nx, ny, nz] = volume.size();
     let mut mask = vec![false; size.iter().product()];
-    mask.par_chunks_mut(size[0] * size[1]).enumerate().for_each(|(c, slice)| {
-        let Some(c) = c.checked_sub(margin[2]) else { return };
-        for k in c * cell[2]..((c + 1) * cell[2]).min(nz) {
-            for j in 0..ny {
-                let row = &volume.voxels()[nx * (j + ny * k)..][..nx];
-                let line = &mut slice[size[0] * (j / cell[1] + margin[1]) + margin[0]..];
-                for (cells, found) in row.chunks(cell[0]).zip(line) {
-                    *found |= cells.iter().any(|&label| label != 0);
+    mask.par_chunks_mut(size[0] * size[1])
+        .enumerate()
+        .for_each(|(c, slice)| {
+            let Some(c) = c.checked_sub(margin[2]) else { return };
+            for k in c * cell[2]..((c + 1) * cell[2]).min(nz) {
+                for j in 0..ny {
+                    let row = &volume.voxels()[nx * (j + ny * k)..][..nx];
+                    let line = &mut slice[size[0] * (j / cell[1] + margin[1]) + margin[0]..];
+                    for (cells, found) in row.chunks(cell[0]).zip(line) {
+                        *found |= cells.iter().any(|&label| label != 0);
+                    }
                 }
             }
-        }
-    });
+        });
     mask
 }
 
@@ -205,11 +223,13 @@ impl Grid {
         let (length, stride) = (self.size[axis], self.stride(axis));
         if axis < 2 {
             let slab = self.size[0] * self.size[1];
-            self.values.par_chunks_mut(slab).for_each_init(Scratch::default, |scratch, slab| {
-                for block in slab.chunks_mut(length * stride) {
-                    lines(block, length, stride, scratch, &work);
-                }
-            });
+            self.values
+                .par_chunks_mut(slab)
+                .for_each_init(Scratch::default, |scratch, slab| {
+                    for block in slab.chunks_mut(length * stride) {
+                        lines(block, length, stride, scratch, &work);
+                    }
+                });
             return;
         }
         // Along the last axis a line crosses every slab: columns are gathered, worked on, and put back.
