@@ -126,9 +126,20 @@ fn in_world(pose: &Pose, plane: &[[f64; 2]]) -> Vec<Point3<f64>> {
     plane.iter().map(place).collect()
 }
 
-/// The probe's body in its plane: the array's curve, closed behind it.
+/// The probe's body in its plane: the array's curve, closed behind it; the whole round probe where the array runs more than
+/// half-way around it.
 fn body_outline(beam: &BeamGrid, frame: &Frame) -> Vec<[f64; 2]> {
     let side = frame.mm_per_pixel * f64::from(PANEL);
+    if let Some(radius) = beam
+        .virtual_apex_mm()
+        .filter(|&radius| beam.rays()[0].origin[1] < -radius)
+    {
+        let turn = |step: u32| (f64::from(step) * std::f64::consts::TAU / 64.0).sin_cos();
+        return (0..64)
+            .map(turn)
+            .map(|(sin, cos)| [radius * sin, radius * (cos - 1.0)])
+            .collect();
+    }
     let near: Vec<[f64; 2]> = beam.outline_mm(32).into_iter().take(33).collect();
     let half = near.iter().map(|p| p[0].abs()).fold(side * BODY[1], f64::max);
     let back = near.iter().map(|p| p[1]).fold(0.0, f64::min) - side * BODY[0];
