@@ -124,7 +124,7 @@ impl Pose {
     pub fn from_quaternion(position_mm: Point3<f64>, wxyz: [f64; 4]) -> Result<Self, InvalidPose> {
         let quaternion = nalgebra::Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
         let length = quaternion.norm();
-        if !((length - 1.0).abs() <= 1e-2) {
+        if !(0.99..=1.01).contains(&length) {
             return Err(InvalidPose::Quaternion { found: wxyz, length });
         }
         Self::from_rotation(position_mm, &UnitQuaternion::from_quaternion(quaternion))
@@ -281,7 +281,7 @@ impl PoseSpec {
         let mut radians = [0.0; 3];
         for ((key, turn), radians) in turns.into_iter().zip(&mut radians) {
             let degrees = turn.unwrap_or(0.0);
-            if !(degrees.abs() <= matrix::FARTHEST_MM) {
+            if !(-matrix::FARTHEST_MM..=matrix::FARTHEST_MM).contains(&degrees) {
                 return Err(InvalidPose::Number {
                     key,
                     found: vec![degrees],

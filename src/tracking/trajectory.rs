@@ -232,7 +232,7 @@ impl Trajectory {
 }
 
 fn check_time(index: usize, time_s: f64, previous: Option<f64>) -> Result<(), TrajectoryError> {
-    if !(time_s.abs() <= LATEST_S) {
+    if !(-LATEST_S..=LATEST_S).contains(&time_s) {
         return Err(TrajectoryError::Time { index, found: time_s });
     }
     match previous {

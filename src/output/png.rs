@@ -1,0 +1,149 @@
+//! 8-bit PNG files and numbered folders of them.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageError};
+
+use super::atomic::{self, WriteError};
+
+/// Why a picture was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum PngError {
+    /// The folder, the file or the disk refused.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The pixels given do not fill the size given.
+    #[error("{}: {found} bytes of pixels for {width}x{height} pixels of {channels} bytes each; the size must be at least 1x1", path.display())]
+    Pixels {
+        /// The file asked for.
+        path: PathBuf,
+        /// Bytes given.
+        found: usize,
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Bytes a pixel.
+        channels: usize,
+    },
+}
+
+impl PngError {
+    /// Whether the machine is to blame rather than what was asked for.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Write(_))
+    }
+}
+
+/// Writes a grey picture, one byte a pixel, row by row. The file appears whole or not at all.
+pub fn write_grey(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
+    write(path, width, height, pixels, ExtendedColorType::L8)
+}
+
+/// Writes a colour picture, three bytes (sRGB) a pixel, row by row. The file appears whole or not at all.
+pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
+    write(path, width, height, pixels, ExtendedColorType::Rgb8)
+}
+
+fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: ExtendedColorType) -> Result<(), PngError> {
+    let channels = usize::from(colour.channel_count());
+    let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
+    let size = (u32::try_from(width), u32::try_from(height));
+    let ((Ok(columns @ 1..), Ok(rows @ 1..)), true) = (size, expected == Some(pixels.len())) else {
+        return Err(PngError::Pixels {
+            path: path.to_owned(),
+            found: pixels.len(),
+            width,
+            height,
+            channels,
+        });
+    };
+    atomic::write(path, |file| {
+        PngEncoder::new_with_quality(&mut *file, CompressionType::Default, FilterType::Adaptive)
+            .write_image(pixels, columns, rows, colour)
+            .map_err(|error| match error {
+                ImageError::IoError(error) => error,
+                other => io::Error::other(other),
+            })?;
+        file.flush()
+    })?;
+    Ok(())
+}
+
+/// Where frame `frame` of a numbered folder goes: `frame_0000.png`, with more digits from frame 10,000 on.
+pub fn frame_path(folder: &Path, frame: usize) -> PathBuf {
+    folder.join(format!("frame_{frame:04}.png"))
+}
+
+/// Where a layer of a frame goes: beside its picture, `frame_0000_labels.png`.
+pub fn layer_path(frame: &Path, layer: &str) -> PathBuf {
+    let stem = frame.file_stem().unwrap_or_default().to_string_lossy();
+    frame.with_file_name(format!("{stem}_{layer}.png"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_read_back_as_written() {
+        let folder = tempfile::tempdir().expect("folder");
+        let grey: Vec<u8> = (0..35).map(|i| i * 7).collect();
+        let path = frame_path(folder.path(), 3);
+        write_grey(&path, 7, 5, &grey).expect("written");
+        let image = image::open(&path).expect("png").into_luma8();
+        assert_eq!((image.dimensions(), image.into_raw()), ((7, 5), grey.clone()));
+        let rgb = &grey[..30];
+        let path = layer_path(&path, "labels");
+        assert!(path.ends_with("frame_0003_labels.png"));
+        write_rgb(&path, 5, 2, rgb).expect("written");
+        let image = image::open(&path).expect("png").into_rgb8();
+        assert_eq!((image.dimensions(), image.into_raw()), ((5, 2), rgb.to_vec()));
+    }
+
+    #[test]
+    fn the_same_pixels_make_the_same_bytes() {
+        let folder = tempfile::tempdir().expect("folder");
+        let pixels: Vec<u8> = (0..64 * 64).map(|i| (i % 251) as u8).collect();
+        let bytes = ["a.png", "b.png"].map(|name| {
+            let path = folder.path().join(name);
+            write_grey(&path, 64, 64, &pixels).expect("written");
+            std::fs::read(path).expect("read")
+        });
+        assert_eq!(bytes[0], bytes[1]);
+    }
+
+    #[test]
+    fn pixels_that_do_not_fill_the_size_leave_no_file() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.png");
+        for (width, height, count) in [(3, 3, 8), (0, 5, 0), (usize::MAX, 2, 4), (5, 0, 0)] {
+            let error = write_grey(&path, width, height, &vec![0; count]).expect_err("wrong size");
+            assert!(
+                matches!(error, PngError::Pixels { .. }) && !error.is_machine(),
+                "{error}"
+            );
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).expect("folder").count(), 0);
+    }
+
+    #[test]
+    fn an_unwritable_place_is_the_machines_fault() {
+        let error = write_grey(Path::new("/proc/none/a.png"), 1, 1, &[0]).expect_err("unwritable");
+        assert!(
+            error.is_machine() && error.to_string().contains("/proc/none/a.png"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn frames_sort_by_name_and_long_runs_keep_their_numbers() {
+        let name = |frame| frame_path(Path::new("out"), frame).display().to_string();
+        assert_eq!(
+            (name(0), name(12_345)),
+            ("out/frame_0000.png".into(), "out/frame_12345.png".into())
+        );
+    }
+}
