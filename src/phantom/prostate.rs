@@ -104,7 +104,11 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, Phantom
 }
 
 pub(super) fn pose() -> Matrix4<f64> {
-    pose_at(Point::new(0.0, RECTUM_Y_MM - PROBE_RADIUS_MM, 2.0), -Point::y(), Point::x())
+    pose_at(
+        Point::new(0.0, RECTUM_Y_MM - PROBE_RADIUS_MM, 2.0),
+        -Point::y(),
+        Point::x(),
+    )
 }
 
 /// Obturator muscles, pubic arch with its symphysis, and ischium.
@@ -179,7 +183,12 @@ fn bladder<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
                 noise: Noise::new(seed, 103 + (i as u32 & 1), 4.0),
                 amplitude_mm: 1.2,
             };
-            painting.add(lobulated, 0.0, l::SEMINAL_VESICLE, Over::only(&[l::FAT, l::MUSCLE, l::BLADDER_WALL]));
+            painting.add(
+                lobulated,
+                0.0,
+                l::SEMINAL_VESICLE,
+                Over::only(&[l::FAT, l::MUSCLE, l::BLADDER_WALL]),
+            );
         }
     }
 }
@@ -192,7 +201,10 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     }
     .grown(1.0);
     let shape = |amplitude_mm: f64| Uneven {
-        shape: Solid { bounds, distance: gland },
+        shape: Solid {
+            bounds,
+            distance: gland,
+        },
         noise: Noise::new(seed, 105, 14.0),
         amplitude_mm,
     };
@@ -206,7 +218,13 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         l::BONE,
     ]);
     // The venous plexus in front and the bundles at five and seven o'clock.
-    for (x, y, radius) in [(-7.0, -20.5, 2.6), (0.0, -22.0, 2.2), (6.5, -20.0, 2.9), (-18.5, 13.5, 1.5), (18.5, 13.5, 1.5)] {
+    for (x, y, radius) in [
+        (-7.0, -20.5, 2.6),
+        (0.0, -22.0, 2.2),
+        (6.5, -20.0, 2.9),
+        (-18.5, 13.5, 1.5),
+        (18.5, 13.5, 1.5),
+    ] {
         let vessel = path(
             &[
                 ([0.8 * x, y + 2.0, -24.0], radius),
@@ -218,11 +236,19 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         painting.add_all(&vessel, 0.0, l::VESSEL, Over::only(&[l::FAT, l::MUSCLE]));
     }
     for side in [-1.0, 1.0] {
-        let nerve = path(&[([side * 15.0, 15.0, -20.0], 1.1), ([side * 20.5, 15.0, 20.0], 1.1)], 3);
+        let nerve = path(
+            &[([side * 15.0, 15.0, -20.0], 1.1), ([side * 20.5, 15.0, 20.0], 1.1)],
+            3,
+        );
         painting.add_all(&nerve, 0.0, l::NERVE, Over::only(&[l::FAT, l::MUSCLE]));
     }
     painting.add(shape(0.8), 0.0, l::CAPSULE, soft);
-    painting.add(shape(0.8), -CAPSULE_MM, l::PROSTATE_PERIPHERAL, Over::only(&[l::CAPSULE]));
+    painting.add(
+        shape(0.8),
+        -CAPSULE_MM,
+        l::PROSTATE_PERIPHERAL,
+        Over::only(&[l::CAPSULE]),
+    );
     let peripheral = Over::only(&[l::PROSTATE_PERIPHERAL]);
     for side in [-1.0, 1.0] {
         let lobe = Uneven {
@@ -250,15 +276,20 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         ],
         6,
     );
-    painting.add_all(&urethra, 0.0, l::URETHRA, Over::only(&[
-        l::PROSTATE_CENTRAL,
-        l::PROSTATE_PERIPHERAL,
-        l::CAPSULE,
-        l::BLADDER_WALL,
-        l::MUSCLE,
-        l::FASCIA,
-        l::FAT,
-    ]));
+    painting.add_all(
+        &urethra,
+        0.0,
+        l::URETHRA,
+        Over::only(&[
+            l::PROSTATE_CENTRAL,
+            l::PROSTATE_PERIPHERAL,
+            l::CAPSULE,
+            l::BLADDER_WALL,
+            l::MUSCLE,
+            l::FASCIA,
+            l::FAT,
+        ]),
+    );
 }
 
 /// Rectum and anal canal around the probe's place, with the fascia in front.
@@ -268,7 +299,14 @@ fn rectum<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         ends: [Point::new(0.0, RECTUM_Y_MM, low), Point::new(0.0, RECTUM_Y_MM, 80.0)],
         radii: [lumen; 2],
     };
-    let body = Over::only(&[l::FAT, l::MUSCLE, l::FASCIA, l::CAPSULE, l::SEMINAL_VESICLE, l::SOFT_TISSUE]);
+    let body = Over::only(&[
+        l::FAT,
+        l::MUSCLE,
+        l::FASCIA,
+        l::CAPSULE,
+        l::SEMINAL_VESICLE,
+        l::SOFT_TISSUE,
+    ]);
     let sheath = Uneven {
         shape: tube(-56.0),
         noise: Noise::new(seed, 108, 12.0),
@@ -277,5 +315,10 @@ fn rectum<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let mesorectum = tube(-18.0);
     painting.add(mesorectum, wall + 3.5, l::SOFT_TISSUE, Over::only(&[l::FAT]));
     painting.add(sheath, wall, l::RECTUM_WALL, body);
-    painting.add(tube(-80.0), 0.0, l::GEL, Over::only(&[l::RECTUM_WALL, l::SKIN, l::MUSCLE, l::FAT]));
+    painting.add(
+        tube(-80.0),
+        0.0,
+        l::GEL,
+        Over::only(&[l::RECTUM_WALL, l::SKIN, l::MUSCLE, l::FAT]),
+    );
 }

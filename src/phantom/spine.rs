@@ -78,7 +78,8 @@ fn surroundings(p: &Point, fat: &Noise, septa: &Noise) -> u8 {
     if column < 1.0 || (x < 20.0 && y > 4.0) {
         // Fat planes: multifidus from longissimus, longissimus from iliocostalis.
         let bend = 2.5 * septa.at(p);
-        let plane = (x - 21.0 - 0.25 * (y - 20.0) - bend).abs() < 0.6 || (x - 46.0 + 0.2 * (y - 20.0) - bend).abs() < 0.6;
+        let plane =
+            (x - 21.0 - 0.25 * (y - 20.0) - bend).abs() < 0.6 || (x - 46.0 + 0.2 * (y - 20.0) - bend).abs() < 0.6;
         return if column > 0.95 && x > 20.0 {
             l::FASCIA
         } else if plane {
@@ -132,7 +133,17 @@ fn great_vessels<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>) {
         )
     };
     for (course, wall) in [(at(12.0, 8.5), 1.5), (at(-14.0, 10.0), 0.8)] {
-        painting.add_all(&course, wall, l::VESSEL_WALL, Over::only(&[l::PERITONEAL_FAT, l::MUSCLE]));
-        painting.add_all(&course, 0.0, l::VESSEL, Over::only(&[l::VESSEL_WALL, l::PERITONEAL_FAT]));
+        painting.add_all(
+            &course,
+            wall,
+            l::VESSEL_WALL,
+            Over::only(&[l::PERITONEAL_FAT, l::MUSCLE]),
+        );
+        painting.add_all(
+            &course,
+            0.0,
+            l::VESSEL,
+            Over::only(&[l::VESSEL_WALL, l::PERITONEAL_FAT]),
+        );
     }
 }

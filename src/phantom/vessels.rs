@@ -106,9 +106,13 @@ impl Growth<'_> {
                 continue;
             }
             let clearance = self.avoid.iter().fold(30.0, |least: f64, tube| {
-                least.min(tube.distance(&end)).min(tube.distance(&(tip.at + along * (0.6 * length))))
+                least
+                    .min(tube.distance(&end))
+                    .min(tube.distance(&(tip.at + along * (0.6 * length))))
             }) - radius;
-            let crowding = own.iter().fold(30.0, |least: f64, tube| least.min((tube.ends[1] - end).norm()));
+            let crowding = own
+                .iter()
+                .fold(30.0, |least: f64, tube| least.min((tube.ends[1] - end).norm()));
             if clearance < 1.5 {
                 continue;
             }

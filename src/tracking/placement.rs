@@ -1,1 +1,427 @@
-//! placeholder
+//! Automatic placement of a probe on the skin over a target.
+//!
+//! Rays are cast outwards from points inside the target; where one leaves the body for air, not through a face of the
+//! volume that cuts the body, the probe could stand. Each such place is scored by a fan of rays: how many reach the target
+//! before bone or gas, how much of the target they see, how far away it is and how square the probe stands on the skin.
+
+use nalgebra::{Matrix4, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::probe::ProbeShape;
+use crate::volume::LabelVolume;
+
+/// Rays of the fan that scores a place.
+pub const RAYS: usize = 15;
+/// Step along rays, mm.
+const STEP_MM: f64 = 1.5;
+/// Depth to which the array's centre is pressed in, mm.
+pub const PRESS_MM: f64 = 0.5;
+/// Air that must lie outside the skin before the edge of the volume, mm.
+const AIR_MM: f64 = 3.0;
+/// Points of the target that the probe is aimed at: the innermost one and some around it.
+const AIMS: usize = 7;
+/// Radius in which the skin's normal is found, mm.
+const NORMAL_MM: f64 = 10.0;
+
+/// Orientation of the scan plane.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    serde::Deserialize,
+    schemars::JsonSchema,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ScanPlane {
+    /// Across the body: from in front and behind, image columns run towards the patient's left; from the patient's right
+    /// side, towards the front.
+    #[default]
+    Transverse,
+    /// Along the body: image columns run towards the feet.
+    Sagittal,
+}
+
+/// How a probe is placed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacementOptions {
+    /// Orientation of the scan plane.
+    pub plane: ScanPlane,
+    /// The probe's field of view. Its array's centre, the point of a convex array that touches first, lies on the skin.
+    pub shape: ProbeShape,
+    /// Imaging depth, mm.
+    pub depth_mm: f64,
+}
+
+impl Default for PlacementOptions {
+    fn default() -> Self {
+        Self {
+            plane: ScanPlane::Transverse,
+            shape: ProbeShape::Curvilinear {
+                radius_mm: 60.0,
+                angle_deg: 70.0,
+            },
+            depth_mm: 150.0,
+        }
+    }
+}
+
+/// What the labels mean to a placement, by label index.
+pub struct Meaning<'a> {
+    /// Part of the body, skin included (air around it is not; gas inside it is).
+    pub is_body: &'a (dyn Fn(u8) -> bool + Sync),
+    /// Bone or gas: nothing is seen behind it.
+    pub is_bone_or_gas: &'a (dyn Fn(u8) -> bool + Sync),
+}
+
+/// A place for a probe.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placement {
+    /// Probe to world, LPS mm.
+    pub probe_to_world: Matrix4<f64>,
+    /// Share of the fan's rays that reach the target before bone or gas (0 to 1).
+    pub rays_on_target: f64,
+    /// Share of the target within the fan that is not hidden behind bone or gas (0 to 1).
+    pub visible: f64,
+    /// Depth at which the middle ray or its nearest neighbour enters the target, mm.
+    pub target_depth_mm: f64,
+    /// The score by which this place was chosen; larger is better, comparable within one target only.
+    pub score: f64,
+    /// What was chosen, for people to read.
+    pub note: String,
+}
+
+/// Why no place was found.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlacementError {
+    /// The target has no voxels.
+    #[error("the target has no voxels in the volume (label indices {labels:?})")]
+    NoTarget {
+        /// Label indices of the target.
+        labels: Vec<u8>,
+    },
+    /// No ray from the target leaves the body for air.
+    #[error(
+        "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
+         body (unlabelled = \"auto\") or give the probe's pose"
+    )]
+    NoSkin,
+    /// The depth is not a positive number.
+    #[error("imaging depth {found} mm; expected a positive number")]
+    Depth {
+        /// What was given, mm.
+        found: f64,
+    },
+}
+
+/// Places a probe on the skin over the labels `target` (indices), from in front or the side where possible.
+///
+/// # Errors
+/// [`PlacementError`]: no such voxels, no skin in reach, or a depth that is no positive number.
+pub fn place(
+    volume: &LabelVolume,
+    target: &[u8],
+    meaning: &Meaning<'_>,
+    options: &PlacementOptions,
+) -> Result<Placement, PlacementError> {
+    if !(options.depth_mm > 0.0 && options.depth_mm.is_finite()) {
+        return Err(PlacementError::Depth {
+            found: options.depth_mm,
+        });
+    }
+    let aims = aims(volume, target).ok_or_else(|| PlacementError::NoTarget {
+        labels: target.to_vec(),
+    })?;
+    let mut in_target = [false; 256];
+    for &label in target {
+        in_target[usize::from(label)] = true;
+    }
+    let search = Search {
+        volume,
+        in_target,
+        meaning,
+        options,
+    };
+    // From in front and the sides, up to ten degrees behind them; all round only if that finds nothing.
+    [100, 180]
+        .into_iter()
+        .find_map(|widest| search.best(&aims, widest))
+        .ok_or(PlacementError::NoSkin)
+}
+
+struct Search<'a> {
+    volume: &'a LabelVolume,
+    in_target: [bool; 256],
+    meaning: &'a Meaning<'a>,
+    options: &'a PlacementOptions,
+}
+
+impl Search<'_> {
+    /// The best place over all aims and directions up to `widest` degrees from straight in front.
+    fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
+        let directions: Vec<(Point3<f64>, Vector3<f64>)> = aims
+            .iter()
+            .flat_map(|&aim| {
+                (-widest / 10..=widest / 10).flat_map(move |round| {
+                    (-4..=4).map(move |tilt| {
+                        let (sin, cos) = f64::from(round * 10).to_radians().sin_cos();
+                        let (up, level) = f64::from(tilt * 8).to_radians().sin_cos();
+                        (aim, Vector3::new(sin * level, -cos * level, up))
+                    })
+                })
+            })
+            .collect();
+        directions
+            .par_iter()
+            .filter_map(|(aim, outward)| self.candidate(aim, outward))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .reduce(|best, next| if next.score > best.score { next } else { best })
+    }
+
+    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>) -> Option<Placement> {
+        let skin = self.skin(aim, outward)?;
+        let axial = -outward;
+        let inward = self.inward_normal(&skin)?;
+        let upright = axial.dot(&inward);
+        if upright < 0.6 {
+            return None;
+        }
+        let pose = pose(skin + axial * PRESS_MM, axial, self.options.plane);
+        let fan = self.look(&pose);
+        if fan.seen <= 0.0 {
+            return None;
+        }
+        let visible = fan.seen / (fan.seen + fan.hidden);
+        let from_behind = axial.y.min(0.0).abs();
+        let size = fan.seen.sqrt() / self.options.depth_mm;
+        let depth = fan.depth_mm / self.options.depth_mm;
+        let score = fan.share + visible + 1.5 * size
+            - 0.8 * depth
+            - 1.5 * (1.0 - upright)
+            - 0.7 * from_behind
+            - 0.4 * fan.outside
+            - 0.5 * fan.blocked;
+        let side = match (axial.x, axial.y) {
+            (x, y) if y.abs() >= x.abs() => {
+                if y > 0.0 {
+                    "front"
+                } else {
+                    "back"
+                }
+            }
+            (x, _) if x > 0.0 => "right side",
+            _ => "left side",
+        };
+        Some(Placement {
+            probe_to_world: pose,
+            rays_on_target: fan.share,
+            visible,
+            target_depth_mm: fan.depth_mm,
+            score,
+            note: format!(
+                "probe on the skin at ({:.0}, {:.0}, {:.0}) mm, from the {side}: {:.0} % of the rays reach the target, \
+                 {:.0} mm deep; {:.0} % of it in view lies behind bone or gas",
+                skin.x,
+                skin.y,
+                skin.z,
+                100.0 * fan.share,
+                fan.depth_mm,
+                100.0 * (1.0 - visible),
+            ),
+        })
+    }
+
+    fn is_body(&self, p: &Point3<f64>) -> Option<bool> {
+        self.volume.label_index_at(p).map(|label| (self.meaning.is_body)(label))
+    }
+
+    /// Where a ray from inside leaves the body for the last time; `None` where it leaves through a face of the volume.
+    fn skin(&self, from: &Point3<f64>, outward: &Vector3<f64>) -> Option<Point3<f64>> {
+        let mut last_inside = None;
+        let mut travelled = 0.0;
+        while let Some(body) = self.is_body(&(from + outward * travelled)) {
+            if body {
+                last_inside = Some(travelled);
+            }
+            travelled += STEP_MM;
+        }
+        let inside = last_inside.filter(|inside| travelled - inside >= AIR_MM + STEP_MM)?;
+        let (mut low, mut high) = (inside, inside + STEP_MM);
+        for _ in 0..6 {
+            let middle = 0.5 * (low + high);
+            if self.is_body(&(from + outward * middle))? {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Some(from + outward * low)
+    }
+
+    /// Direction from a point of the skin towards the middle of the body around it.
+    fn inward_normal(&self, skin: &Point3<f64>) -> Option<Vector3<f64>> {
+        let mut sum = Vector3::zeros();
+        for a in -4..=4 {
+            for b in -4..=4 {
+                for c in -4..=4 {
+                    let offset = Vector3::new(f64::from(a), f64::from(b), f64::from(c)) * (NORMAL_MM / 4.0);
+                    if offset.norm() <= NORMAL_MM && self.is_body(&(skin + offset)) == Some(true) {
+                        sum += offset;
+                    }
+                }
+            }
+        }
+        sum.try_normalize(1e-9)
+    }
+
+    /// Casts the fan of a pose.
+    fn look(&self, pose: &Matrix4<f64>) -> Fan {
+        let mut fan = Fan::default();
+        let middle = (RAYS - 1) as f64 / 2.0;
+        let mut nearest_to_middle = f64::INFINITY;
+        for ray in 0..RAYS {
+            let across = (ray as f64 - middle) / middle;
+            let (start, way, apex_mm) = ray_of(self.options.shape, across);
+            let start = pose.transform_point(&start);
+            let way = pose.transform_vector(&way);
+            let (mut blocked, mut reached) = (false, None);
+            let mut depth = 0.5 * STEP_MM;
+            while depth < self.options.depth_mm {
+                let Some(label) = self.volume.label_index_at(&(start + way * depth)) else {
+                    fan.outside += STEP_MM / (self.options.depth_mm * RAYS as f64);
+                    depth += STEP_MM;
+                    continue;
+                };
+                if self.in_target[usize::from(label)] {
+                    let area = STEP_MM * spacing_of(self.options.shape, apex_mm + depth);
+                    if blocked {
+                        fan.hidden += area;
+                    } else {
+                        fan.seen += area;
+                        reached.get_or_insert(depth);
+                    }
+                } else if (self.meaning.is_bone_or_gas)(label) && !blocked {
+                    blocked = true;
+                    fan.blocked += (1.0 - depth / self.options.depth_mm) / RAYS as f64;
+                }
+                depth += STEP_MM;
+            }
+            if let Some(reached) = reached {
+                fan.share += 1.0 / RAYS as f64;
+                if across.abs() < nearest_to_middle {
+                    nearest_to_middle = across.abs();
+                    fan.depth_mm = reached;
+                }
+            }
+        }
+        fan
+    }
+}
+
+/// What a fan of rays meets.
+#[derive(Default)]
+struct Fan {
+    /// Share of the rays that reach the target.
+    share: f64,
+    /// Area of the target in the scan plane before and behind bone or gas, mm^2.
+    seen: f64,
+    hidden: f64,
+    /// Share of the fan outside the volume, and behind bone or gas.
+    outside: f64,
+    blocked: f64,
+    /// Depth of the target near the middle ray, mm.
+    depth_mm: f64,
+}
+
+/// Start and direction in the probe frame of the ray at `across` (-1 to 1 over the array), and the distance from the
+/// point where rays meet to the start.
+fn ray_of(shape: ProbeShape, across: f64) -> (Point3<f64>, Vector3<f64>, f64) {
+    let fan = |radius: f64, angle_deg: f64| {
+        let (sin, cos) = (across * angle_deg.to_radians() / 2.0).sin_cos();
+        (
+            Point3::new(radius * sin, radius * (cos - 1.0), 0.0),
+            Vector3::new(sin, cos, 0.0),
+            radius,
+        )
+    };
+    match shape {
+        ProbeShape::Linear { width_mm: width } | ProbeShape::TrusSagittal { length_mm: width } => {
+            (Point3::new(across * width / 2.0, 0.0, 0.0), Vector3::y(), 0.0)
+        }
+        ProbeShape::Curvilinear { radius_mm, angle_deg } | ProbeShape::TrusTransverse { radius_mm, angle_deg } => {
+            fan(radius_mm, angle_deg)
+        }
+        ProbeShape::Phased { angle_deg } => fan(0.0, angle_deg),
+    }
+}
+
+/// Distance between neighbouring rays at a distance from the point where they meet, mm.
+fn spacing_of(shape: ProbeShape, from_apex_mm: f64) -> f64 {
+    let gaps = (RAYS - 1) as f64;
+    match shape {
+        ProbeShape::Linear { width_mm: width } | ProbeShape::TrusSagittal { length_mm: width } => width / gaps,
+        ProbeShape::Curvilinear { angle_deg, .. }
+        | ProbeShape::TrusTransverse { angle_deg, .. }
+        | ProbeShape::Phased { angle_deg } => angle_deg.to_radians() * from_apex_mm / gaps,
+    }
+}
+
+/// Probe to world for an array centre and a direction into the body.
+fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f64> {
+    let lateral = match plane {
+        // Continuous round the body, so that the same side of the probe stays marked; not upside down from behind.
+        ScanPlane::Transverse => {
+            let x = axial.cross(&Vector3::z());
+            if x.x < -0.2 { -x } else { x }
+        }
+        ScanPlane::Sagittal => -Vector3::z(),
+    };
+    let x = (lateral - axial * lateral.dot(&axial)).normalize();
+    let z = x.cross(&axial);
+    Matrix4::new(
+        x.x, axial.x, z.x, origin.x, //
+        x.y, axial.y, z.y, origin.y, //
+        x.z, axial.z, z.z, origin.z, //
+        0.0, 0.0, 0.0, 1.0,
+    )
+}
+
+/// Points of the target to aim at: the voxel nearest to its middle, then voxels spread through it. `None` without voxels.
+fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
+    let [nx, ny, _] = volume.size();
+    let voxels: Vec<usize> = volume
+        .voxels()
+        .iter()
+        .enumerate()
+        .filter_map(|(at, label)| target.contains(label).then_some(at))
+        .collect();
+    let world = |at: usize| {
+        let index = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+        volume.index_to_world().transform_point(&index)
+    };
+    let sum: Vector3<f64> = voxels.iter().map(|&at| world(at).coords).sum();
+    let middle = Point3::from(sum / voxels.len() as f64);
+    let nearest = voxels
+        .iter()
+        .map(|&at| world(at))
+        .min_by(|a, b| (a - middle).norm_squared().total_cmp(&(b - middle).norm_squared()))?;
+    // The others lie half way from the middle to evenly spaced voxels of the list, moved onto the target.
+    let mut aims = vec![nearest];
+    for part in 1..AIMS {
+        let far = world(voxels[voxels.len() * part / AIMS]);
+        let half_way = nearest + (far - nearest) * 0.5;
+        let inside = volume
+            .label_index_at(&half_way)
+            .is_some_and(|label| target.contains(&label));
+        aims.push(if inside { half_way } else { far });
+    }
+    Some(aims)
+}
+
+#[cfg(test)]
+mod tests;

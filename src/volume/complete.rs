@@ -1,7 +1,6 @@
 //! Completion of a segmentation that labels organs but not the body around them.
 //!
-//! The labelled anatomy is closed slice by slice on a grid of about [`GRID_MM`], the outline is smoothed from slice to
-//! slice, and the voxels without a label inside it become soft tissue, with a layer of fat and a skin around them.
+//! The labelled anatomy is closed slice by slice and then in space on a grid of about [`GRID_MM`], the outline is smoothed, and the voxels without a label inside it become soft tissue, with a layer of fat and a skin around them.
 
 mod outline;
 
@@ -12,10 +11,12 @@ use outline::Outline;
 
 /// Spacing of the grid on which the outline of the body is found, mm.
 pub const GRID_MM: f64 = 3.0;
-/// Radius of the closing that joins the labelled anatomy within a slice, mm.
+/// Radius of the closing that joins the labelled anatomy, mm.
 pub const CLOSING_MM: f64 = 60.0;
-/// Soft tissue that lies at least between labelled anatomy and fat, mm: about the thickness of the abdominal wall.
+/// Soft tissue added around the closed anatomy, mm: about the thickness of the abdominal wall.
 pub const WALL_MM: f64 = 7.0;
+/// Soft tissue around labels that reach beyond the smooth outline, mm.
+pub const LEAST_MM: f64 = 3.0;
 /// Largest thickness of fat or skin, mm.
 pub const THICKEST_MM: f64 = 100.0;
 
@@ -191,8 +192,8 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     };
     let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
     let mut note = format!(
-        "unlabelled voxels: the labelled anatomy was closed slice by slice ({CLOSING_MM} mm) and filled as soft tissue \
-         ({} voxels), at least {WALL_MM} mm of it around every label, under {} mm of fat ({} voxels) and {skin_mm:.1} mm \
+        "unlabelled voxels: the labelled anatomy was closed slice by slice and in space ({CLOSING_MM} mm), widened by \
+         {WALL_MM} mm and filled as soft tissue ({} voxels), under {} mm of fat ({} voxels) and {skin_mm:.1} mm \
          of skin ({} voxels); the rest is air",
         filled.soft_tissue, options.fat_mm, filled.fat, filled.skin,
     );

@@ -48,7 +48,12 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
         5,
     );
     painting.add_all(&stomach, 0.0, l::STOMACH_WALL, free);
-    painting.add_all(&stomach, -STOMACH_WALL_MM, l::BOWEL_CONTENT, Over::only(&[l::STOMACH_WALL]));
+    painting.add_all(
+        &stomach,
+        -STOMACH_WALL_MM,
+        l::BOWEL_CONTENT,
+        Over::only(&[l::STOMACH_WALL]),
+    );
     let bubble = Ellipsoid::upright([72.0, -44.0, 24.0], [34.0, 14.0, 30.0]);
     painting.add(bubble, 0.0, l::GAS, Over::only(&[l::BOWEL_CONTENT]));
 

@@ -37,7 +37,10 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
     };
     let surface = Noise::new(seed, 10, 34.0);
     let uneven = move || Uneven {
-        shape: Solid { bounds, distance: liver },
+        shape: Solid {
+            bounds,
+            distance: liver,
+        },
         noise: surface,
         amplitude_mm: 3.5,
     };
@@ -72,7 +75,14 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
     painting.add(lesion, 0.0, l::LESION, Over::only(&[l::LIVER]));
     great_vessels(painting);
 
-    let room = Over::only(&[l::LIVER, l::PERITONEAL_FAT, l::VESSEL_WALL, l::BOWEL_WALL, l::BOWEL_CONTENT, l::GAS]);
+    let room = Over::only(&[
+        l::LIVER,
+        l::PERITONEAL_FAT,
+        l::VESSEL_WALL,
+        l::BOWEL_WALL,
+        l::BOWEL_CONTENT,
+        l::GAS,
+    ]);
     painting.add_all(&gallbladder, 1.8, l::GALLBLADDER_WALL, room);
     painting.add_all(&gallbladder, 0.0, l::BILE, Over::only(&[l::GALLBLADDER_WALL]));
 }
@@ -100,9 +110,30 @@ struct Trees {
 impl Trees {
     fn grow(seed: u64, organ: &dyn Fn(&Point) -> f64, lesion: &Tube, gallbladder: &[Tube]) -> Self {
         let hepatic_trunks = [
-            path(&[([-22.0, 14.0, 66.0], 7.0), ([-48.0, 14.0, 60.0], 6.0), ([-74.0, 16.0, 44.0], 5.2)], 3),
-            path(&[([-22.0, 10.0, 66.0], 6.5), ([-36.0, -8.0, 58.0], 5.6), ([-50.0, -22.0, 42.0], 5.0)], 3),
-            path(&[([-18.0, 8.0, 64.0], 5.5), ([-4.0, -14.0, 56.0], 4.8), ([10.0, -30.0, 48.0], 4.2)], 3),
+            path(
+                &[
+                    ([-22.0, 14.0, 66.0], 7.0),
+                    ([-48.0, 14.0, 60.0], 6.0),
+                    ([-74.0, 16.0, 44.0], 5.2),
+                ],
+                3,
+            ),
+            path(
+                &[
+                    ([-22.0, 10.0, 66.0], 6.5),
+                    ([-36.0, -8.0, 58.0], 5.6),
+                    ([-50.0, -22.0, 42.0], 5.0),
+                ],
+                3,
+            ),
+            path(
+                &[
+                    ([-18.0, 8.0, 64.0], 5.5),
+                    ([-4.0, -14.0, 56.0], 4.8),
+                    ([10.0, -30.0, 48.0], 4.2),
+                ],
+                3,
+            ),
         ];
         let main_portal = path(
             &[
@@ -114,9 +145,30 @@ impl Trees {
             4,
         );
         let portal_trunks = [
-            path(&[([-46.0, 1.0, 20.0], 5.6), ([-62.0, 6.0, 22.0], 5.0), ([-78.0, 12.0, 16.0], 4.4)], 3),
-            path(&[([-46.0, 1.0, 20.0], 5.0), ([-58.0, -12.0, 10.0], 4.6), ([-72.0, -30.0, 4.0], 4.2)], 3),
-            path(&[([-44.0, 1.0, 18.0], 4.8), ([-24.0, -12.0, 28.0], 4.4), ([-2.0, -20.0, 36.0], 4.0)], 3),
+            path(
+                &[
+                    ([-46.0, 1.0, 20.0], 5.6),
+                    ([-62.0, 6.0, 22.0], 5.0),
+                    ([-78.0, 12.0, 16.0], 4.4),
+                ],
+                3,
+            ),
+            path(
+                &[
+                    ([-46.0, 1.0, 20.0], 5.0),
+                    ([-58.0, -12.0, 10.0], 4.6),
+                    ([-72.0, -30.0, 4.0], 4.2),
+                ],
+                3,
+            ),
+            path(
+                &[
+                    ([-44.0, 1.0, 18.0], 4.8),
+                    ([-24.0, -12.0, 28.0], 4.4),
+                    ([-2.0, -20.0, 36.0], 4.0),
+                ],
+                3,
+            ),
         ];
         let mut avoid = vec![*lesion];
         avoid.extend(gallbladder);

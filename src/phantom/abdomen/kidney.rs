@@ -42,7 +42,11 @@ fn pyramids(p: &Point) -> f64 {
             let (sin, cos) = deg.to_radians().sin_cos();
             [-0.42, 0.42].map(|row| Point::new(sin, cos, row))
         })
-        .chain([-0.6, 0.0, 0.6].into_iter().flat_map(|along| [-1.0, 1.0].map(|row| Point::new(along, -0.1, row))))
+        .chain(
+            [-0.6, 0.0, 0.6]
+                .into_iter()
+                .flat_map(|along| [-1.0, 1.0].map(|row| Point::new(along, -0.1, row))),
+        )
         .map(|axis| {
             let axis = axis.normalize();
             (local.dot(&axis) / level.max(1e-9)).clamp(-1.0, 1.0).acos()
@@ -50,7 +54,11 @@ fn pyramids(p: &Point) -> f64 {
         .fold(f64::INFINITY, f64::min);
     let scale = HALF_MM[2];
     let cone = (nearest - PYRAMID_RAD * (1.15 - 0.25 * level)) * level * scale;
-    smooth_max(smooth_max(cone, (level - 0.79) * scale, 4.0), 1.2 - sinus().distance(p), 2.0)
+    smooth_max(
+        smooth_max(cone, (level - 0.79) * scale, 4.0),
+        1.2 - sinus().distance(p),
+        2.0,
+    )
 }
 
 /// Adds the kidney with its renal vein.
@@ -71,7 +79,14 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
         noise: Noise::new(seed, 30, 22.0),
         amplitude_mm: 1.0,
     };
-    let room = Over::only(&[l::PERITONEAL_FAT, l::MUSCLE, l::LIVER, l::BOWEL_WALL, l::BOWEL_CONTENT, l::GAS]);
+    let room = Over::only(&[
+        l::PERITONEAL_FAT,
+        l::MUSCLE,
+        l::LIVER,
+        l::BOWEL_WALL,
+        l::BOWEL_CONTENT,
+        l::GAS,
+    ]);
     painting.add(Ellipsoid { ..body }, 4.0, l::PERITONEAL_FAT, room);
     painting.add(kidney, 0.0, l::KIDNEY_CORTEX, Over::only(&[l::PERITONEAL_FAT]));
     let cortex = Over::only(&[l::KIDNEY_CORTEX]);
@@ -112,6 +127,12 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
         ],
         4,
     );
-    let course = Over::only(&[l::PERITONEAL_FAT, l::RENAL_SINUS, l::KIDNEY_CORTEX, l::VESSEL_WALL, l::BOWEL_WALL]);
+    let course = Over::only(&[
+        l::PERITONEAL_FAT,
+        l::RENAL_SINUS,
+        l::KIDNEY_CORTEX,
+        l::VESSEL_WALL,
+        l::BOWEL_WALL,
+    ]);
     painting.add_all(&vein, 0.0, l::VESSEL, course);
 }

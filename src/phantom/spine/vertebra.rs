@@ -60,7 +60,11 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, z: f64
     painting.add(
         rough(Block {
             centre: seat.at([0.0, 29.0, -7.0]),
-            axes: [Point::x(), seat.along([0.0, 0.97, -0.24]), seat.along([0.0, 0.24, 0.97])],
+            axes: [
+                Point::x(),
+                seat.along([0.0, 0.97, -0.24]),
+                seat.along([0.0, 0.24, 0.97]),
+            ],
             half: [3.0, 15.0, 9.5],
             round: 2.8,
         }),
@@ -83,7 +87,9 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, z: f64
         )
         .into_iter()
         .map(|tube| Tube {
-            ends: tube.ends.map(|end| seat.at([side * 14.0 + end.x, 2.0 + end.y, 3.0 + end.z])),
+            ends: tube
+                .ends
+                .map(|end| seat.at([side * 14.0 + end.x, 2.0 + end.y, 3.0 + end.z])),
             radii: tube.radii,
         });
         let transverse: Vec<Tube> = transverse.collect();

@@ -2,11 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::{CLOSING_MM, GRID_MM, WALL_MM};
+use super::{CLOSING_MM, GRID_MM, LEAST_MM, WALL_MM};
 use crate::volume::LabelVolume;
 
-/// Standard deviation of the smoothing across slices, mm.
-const SMOOTHING_MM: f64 = 10.0;
+/// Standard deviation of the smoothing of the outline, within and across slices, mm.
+const SMOOTHING_MM: f64 = 9.0;
 /// Stands for no seed at all in squared distances, mm^2: far beyond any volume and safe to add.
 const NONE: f32 = 1e12;
 
@@ -50,65 +50,33 @@ impl Outline {
             return None;
         }
         let in_slice: Vec<usize> = (0..3).filter(|&axis| axis != slice_axis).collect();
-        let seeds = |inside: &dyn Fn(usize) -> bool| Grid {
+        let new = |values: Vec<f32>| Grid {
             size: grid_size,
             spacing: coarse,
-            values: (0..labelled.len())
-                .map(|at| if inside(at) { 0.0 } else { NONE })
-                .collect(),
+            values,
         };
-        let radius = (CLOSING_MM * CLOSING_MM) as f32;
-        let mut dilated = seeds(&|at| labelled[at]);
-        dilated.transform(&in_slice);
-        let mut outside = seeds(&|at| dilated.values[at] > radius);
-        outside.transform(&in_slice);
-        // Where nothing of a slice is outside the dilation the margin was too small to matter: it is all inside.
-        let closed: Vec<bool> = (0..labelled.len())
-            .map(|at| labelled[at] || outside.values[at] > radius)
-            .collect();
-        let mut to_closed = seeds(&|at| closed[at]);
-        to_closed.transform(&in_slice);
-        let mut to_open = seeds(&|at| !closed[at]);
-        to_open.transform(&in_slice);
-        let mut signed = to_closed;
+        // Within slices first; then in space, which carries the outline over slices that label little of the body.
+        let body = closed(&closed(&labelled, &new, &in_slice), &new, &[0, 1, 2]);
+        let mut signed = distance(&body, &new, &[0, 1, 2]);
+        let inward = distance(&body.iter().map(|inside| !inside).collect::<Vec<_>>(), &new, &[0, 1, 2]);
         let cap = reach as f32;
         signed
             .values
             .par_iter_mut()
-            .zip(&to_open.values)
-            .for_each(|(value, open)| *value = (value.sqrt() - open.sqrt()).clamp(-cap, cap));
-        signed.smooth(slice_axis);
-        let mut core = Grid {
-            size: grid_size,
-            spacing: coarse,
-            values: signed
-                .values
-                .iter()
-                .map(|&d| if d <= 0.0 { 0.0 } else { NONE })
-                .collect(),
-        };
-        // Distance in three dimensions, so that the layers keep their thickness where the outline slants; within a cell
-        // of the edge the smooth distance is the finer one.
-        core.transform(&[0, 1, 2]);
-        let mut near_label = seeds(&|at| labelled[at]);
-        near_label.transform(&[0, 1, 2]);
+            .zip(&inward.values)
+            .for_each(|(value, inside)| *value = (value.sqrt() - inside.sqrt()).clamp(-cap, cap));
+        signed.smooth();
+        let near_label = distance(&labelled, &new, &[0, 1, 2]);
         let half_cell = 0.5 * coarse.iter().copied().fold(0.0, f64::max) as f32;
-        let wall = WALL_MM as f32;
-        core.values
+        let (wall, least) = (WALL_MM as f32, LEAST_MM as f32);
+        signed
+            .values
             .par_iter_mut()
-            .zip(&signed.values)
             .zip(&near_label.values)
-            .for_each(|((value, &smooth), &label)| {
-                let body = if *value > 0.0 {
-                    (value.sqrt() - half_cell).min(smooth)
-                } else {
-                    smooth
-                };
-                *value = body.min(label.sqrt() - half_cell) - wall;
-            });
-        core.smooth_lightly();
+            .for_each(|(value, &label)| *value = (*value - wall).min(label.sqrt() - half_cell - least));
+        signed.smooth_lightly();
         Some(Self {
-            distance: core,
+            distance: signed,
             cell,
             margin,
             slice_axis,
@@ -150,6 +118,25 @@ impl Outline {
     }
 }
 
+/// Squared distances to the cells of a set, mm^2, along some axes.
+fn distance(set: &[bool], new: &impl Fn(Vec<f32>) -> Grid, axes: &[usize]) -> Grid {
+    let mut grid = new(set.iter().map(|&inside| if inside { 0.0 } else { NONE }).collect());
+    grid.transform(axes);
+    grid
+}
+
+/// Closing of a set by a ball (a disc, in two axes): dilated, then worn back by the same radius.
+fn closed(set: &[bool], new: &impl Fn(Vec<f32>) -> Grid, axes: &[usize]) -> Vec<bool> {
+    let radius = (CLOSING_MM * CLOSING_MM) as f32;
+    let dilated = distance(set, new, axes);
+    let beyond: Vec<bool> = dilated.values.iter().map(|&squared| squared > radius).collect();
+    let from_beyond = distance(&beyond, new, axes);
+    set.iter()
+        .zip(&from_beyond.values)
+        .map(|(&inside, &squared)| inside || squared > radius)
+        .collect()
+}
+
 /// Which cells hold a labelled voxel.
 fn coarse_mask(volume: &LabelVolume, cell: [usize; 3], margin: [usize; 3], size: [usize; 3]) -> Vec<bool> {
     let [nx, ny, nz] = volume.size();
@@ -185,15 +172,17 @@ impl Grid {
         }
     }
 
-    /// Gaussian smoothing along one axis; the ends are held constant.
-    fn smooth(&mut self, axis: usize) {
-        let sigma = SMOOTHING_MM / self.spacing[axis];
-        let reach = (3.0 * sigma).ceil() as usize;
-        let kernel: Vec<f32> = (0..=reach)
-            .map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp() as f32)
-            .collect();
-        let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
-        self.convolve(axis, &kernel, total);
+    /// Gaussian smoothing; the ends are held constant.
+    fn smooth(&mut self) {
+        for axis in 0..3 {
+            let sigma = SMOOTHING_MM / self.spacing[axis];
+            let reach = (2.5 * sigma).ceil() as usize;
+            let kernel: Vec<f32> = (0..=reach)
+                .map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp() as f32)
+                .collect();
+            let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
+            self.convolve(axis, &kernel, total);
+        }
     }
 
     /// Takes the corners of cells off the surface: a (1 2 1) filter along each axis.

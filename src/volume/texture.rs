@@ -1,0 +1,4 @@
+//! tmp
+/// t
+#[derive(Clone, Debug)]
+pub struct SolidTexture;
