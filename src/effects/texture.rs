@@ -37,7 +37,11 @@ impl Texture {
 }
 
 /// Registration.
-pub const EFFECT: Effect = Effect { name: "texture", wanted, passes: |_| PASSES };
+pub const EFFECT: Effect = Effect {
+    name: "texture",
+    wanted,
+    passes: |_| PASSES,
+};
 
 static PASSES: &[Pass] = &[Pass {
     name: "texture",
@@ -47,9 +51,22 @@ static PASSES: &[Pass] = &[Pass {
         include_str!("../../shaders/texture.wgsl")
     ),
     entry: "main",
-    bindings: &[(Position, Read), (Label, Read), (LabelRows, Read), (TextureEntries, Read), (super::pass::Resource::Atlas, Read), (Amplitude, Write)],
+    bindings: &[
+        (Position, Read),
+        (Label, Read),
+        (LabelRows, Read),
+        (TextureEntries, Read),
+        (super::pass::Resource::Atlas, Read),
+        (Amplitude, Write),
+    ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, tables.planes() as u32],
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,
@@ -59,7 +76,10 @@ fn wanted(tables: &Tables) -> Verdict {
     match (&tables.settings.effects.texture, &tables.atlas) {
         (None, _) => Err("the scene names no textures".into()),
         (Some(_), None) => Err("no tissue of the volume has a texture".into()),
-        (Some(_), Some(atlas)) => Ok(format!("tissues of the volume have {} solid textures", atlas.entries.len())),
+        (Some(_), Some(atlas)) => Ok(format!(
+            "tissues of the volume have {} solid textures",
+            atlas.entries.len()
+        )),
     }
 }
 
@@ -88,7 +108,12 @@ fn params(view: &View, _: Band) -> ParamBlock {
 }
 
 fn strength(tables: &Tables) -> f64 {
-    tables.settings.effects.texture.as_ref().map_or(0.0, |texture| texture.strength)
+    tables
+        .settings
+        .effects
+        .texture
+        .as_ref()
+        .map_or(0.0, |texture| texture.strength)
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
@@ -111,4 +136,10 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 }
             }
         });
+}
+pub fn atlas(_: &Anatomy, _: &Settings) -> Option<Atlas> {
+    None
+}
+pub fn entry_of(_: &Atlas, _: &crate::tissue::Tissue) -> u32 {
+    0
 }
