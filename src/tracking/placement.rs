@@ -202,7 +202,7 @@ impl Search<'_> {
         let depth = fan.depth_mm / self.options.depth_mm;
         let score = fan.share + visible + 1.5 * size
             - 0.8 * depth
-            - 1.5 * (1.0 - upright)
+            - 6.0 * (1.0 - upright)
             - 0.7 * from_behind
             - 0.4 * fan.outside
             - 0.5 * fan.blocked;
