@@ -4,6 +4,9 @@ use nalgebra::Point3;
 
 use super::*;
 
+/// A phantom with names and bounds of what it holds.
+type Case<'a, T> = (Phantom, &'a [T]);
+
 const KINDS: [Phantom; 4] = [Phantom::Abdomen, Phantom::Prostate, Phantom::Spine, Phantom::TwoLayer];
 
 fn made(kind: Phantom, resolution_mm: f64, seed: u64) -> LabelVolume {
@@ -73,7 +76,7 @@ fn labels_are_numbered_from_one_and_named_once() {
 /// Ranges for adults, ml; organs that the box cuts have theirs from the part inside.
 #[test]
 fn organs_have_the_size_of_real_ones() {
-    let cases: [(Phantom, &[(&str, f64, f64)]); 4] = [
+    let cases: [Case<(&str, f64, f64)>; 4] = [
         (
             Phantom::Abdomen,
             &[
@@ -128,15 +131,15 @@ fn two_resolutions_agree() {
     for kind in KINDS {
         let (coarse, fine) = (millilitres(&made(kind, 2.2, 5)), millilitres(&made(kind, 1.5, 5)));
         for (name, ml) in &fine {
-            // Thin shells and small parts are sampled by too few voxels to compare closely.
-            let thin = ["wall", "fascia", "capsule", "diaphragm", "skin", "gas"]
+            // Thin shells and slabs across the grid are sampled by chance; small parts agree less closely than large ones.
+            let thin = ["wall", "fascia", "disc", "capsule", "diaphragm", "skin", "gas"]
                 .iter()
                 .any(|part| name.contains(part));
             if *ml < 8.0 || thin {
                 continue;
             }
             assert!(
-                (coarse[name] / ml - 1.0).abs() < 0.05,
+                (coarse[name] / ml - 1.0).abs() < 0.03 + 0.8 / ml,
                 "{kind:?} {name}: {} and {ml} ml",
                 coarse[name]
             );
@@ -241,41 +244,43 @@ fn view(kind: Phantom, radius: f64, half_deg: f64, depth: f64) -> BTreeMap<&'sta
 
 #[test]
 fn default_poses_show_what_they_promise() {
-    let cases: [(Phantom, [f64; 3], &[(&str, f64)]); 4] = [
+    let cases: [([f64; 3], Case<(&str, f64)>); 4] = [
         (
-            Phantom::Abdomen,
             [60.0, 35.0, 150.0],
-            &[
-                ("liver", 0.15),
-                ("bile", 0.03),
-                ("kidney_cortex", 0.06),
-                ("renal_sinus", 0.01),
-                ("vessel", 0.01),
-                ("bone", 0.002),
-            ],
+            (
+                Phantom::Abdomen,
+                &[
+                    ("liver", 0.15),
+                    ("bile", 0.03),
+                    ("kidney_cortex", 0.06),
+                    ("renal_sinus", 0.01),
+                    ("vessel", 0.01),
+                    ("bone", 0.002),
+                ],
+            ),
         ),
         (
-            Phantom::Prostate,
             [10.0, 75.0, 60.0],
-            &[
-                ("prostate_peripheral", 0.04),
-                ("prostate_central", 0.05),
-                ("urethra", 0.002),
-                ("bone", 0.002),
-            ],
+            (
+                Phantom::Prostate,
+                &[
+                    ("prostate_peripheral", 0.04),
+                    ("prostate_central", 0.05),
+                    ("urethra", 0.002),
+                    ("bone", 0.002),
+                ],
+            ),
         ),
         (
-            Phantom::Spine,
             [60.0, 30.0, 100.0],
-            &[("muscle", 0.2), ("bone", 0.2), ("cartilage", 0.001)],
+            (Phantom::Spine, &[("muscle", 0.2), ("bone", 0.2), ("cartilage", 0.001)]),
         ),
         (
-            Phantom::TwoLayer,
             [2000.0, 0.545, 75.0],
-            &[("phantom_inclusion", 0.3), ("phantom_top", 0.3)],
+            (Phantom::TwoLayer, &[("phantom_inclusion", 0.3), ("phantom_top", 0.3)]),
         ),
     ];
-    for (kind, [radius, half_deg, depth], least) in cases {
+    for ([radius, half_deg, depth], (kind, least)) in cases {
         let shares = view(kind, radius, half_deg, depth);
         for (name, share) in least {
             let found = shares.get(name).copied().unwrap_or(0.0);

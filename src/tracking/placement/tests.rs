@@ -92,6 +92,14 @@ fn bone_in_front_sends_the_probe_to_the_side() {
 }
 
 #[test]
+fn a_target_wrapped_in_bone_is_hidden() {
+    let ball = Vector3::new(0.0, -30.0, 0.0);
+    let volume = cylinder(ball, |p| (p - ball).norm() < 28.0, BOX);
+    let error = placed(&volume, ScanPlane::Transverse).unwrap_err();
+    assert_eq!(error, PlacementError::Hidden { depth_mm: 150.0 });
+}
+
+#[test]
 fn the_probe_never_stands_on_a_face_that_cuts_the_body() {
     // The box ends at y = -60: the front of the body is cut away.
     let ball = Vector3::new(0.0, -30.0, 0.0);
