@@ -231,10 +231,13 @@ pub(super) fn curve(knots: &[[f64; 2]], x: f64) -> f64 {
     }
 }
 
+/// A centre and a radius on the way of a path, mm.
+pub(super) type Knot = ([f64; 3], f64);
+
 /// Tubes along a smooth path through `points` (each a centre and a radius), `pieces` to each stretch.
-pub(super) fn path(points: &[([f64; 3], f64)], pieces: usize) -> Vec<Tube> {
+pub(super) fn path(points: &[Knot], pieces: usize) -> Vec<Tube> {
     let sample = |s: f64| {
-        let knots = |f: &dyn Fn(&([f64; 3], f64)) -> f64| {
+        let knots = |f: &dyn Fn(&Knot) -> f64| {
             let list: Vec<[f64; 2]> = points.iter().enumerate().map(|(i, p)| [i as f64, f(p)]).collect();
             curve(&list, s)
         };

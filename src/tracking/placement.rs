@@ -110,6 +110,15 @@ pub enum PlacementError {
          body (unlabelled = \"auto\") or give the probe's pose"
     )]
     NoSkin,
+    /// Skin is in reach, but no fan from it sees the target.
+    #[error(
+        "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
+         {depth_mm} mm. Give the probe's pose, or a larger depth"
+    )]
+    Hidden {
+        /// Imaging depth, mm.
+        depth_mm: f64,
+    },
     /// The depth is not a positive number.
     #[error("imaging depth {found} mm; expected a positive number")]
     Depth {
@@ -150,7 +159,12 @@ pub fn place(
     [100, 180]
         .into_iter()
         .find_map(|widest| search.best(&aims, widest))
-        .ok_or(PlacementError::NoSkin)
+        .ok_or_else(|| match search.finds_skin(&aims) {
+            true => PlacementError::Hidden {
+                depth_mm: options.depth_mm,
+            },
+            false => PlacementError::NoSkin,
+        })
 }
 
 struct Search<'a> {
@@ -163,24 +177,19 @@ struct Search<'a> {
 impl Search<'_> {
     /// The best place over all aims and directions up to `widest` degrees from straight in front.
     fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
-        let directions: Vec<(Point3<f64>, Vector3<f64>)> = aims
-            .iter()
-            .flat_map(|&aim| {
-                (-widest / 10..=widest / 10).flat_map(move |round| {
-                    (-4..=4).map(move |tilt| {
-                        let (sin, cos) = f64::from(round * 10).to_radians().sin_cos();
-                        let (up, level) = f64::from(tilt * 8).to_radians().sin_cos();
-                        (aim, Vector3::new(sin * level, -cos * level, up))
-                    })
-                })
-            })
-            .collect();
-        directions
+        outwards(aims, widest)
             .par_iter()
             .filter_map(|(aim, outward)| self.candidate(aim, outward))
             .collect::<Vec<_>>()
             .into_iter()
             .reduce(|best, next| if next.score > best.score { next } else { best })
+    }
+
+    /// Whether any ray reaches skin.
+    fn finds_skin(&self, aims: &[Point3<f64>]) -> bool {
+        outwards(aims, 180)
+            .iter()
+            .any(|(aim, outward)| self.skin(aim, outward).is_some())
     }
 
     fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>) -> Option<Placement> {
@@ -202,7 +211,7 @@ impl Search<'_> {
         let depth = fan.depth_mm / self.options.depth_mm;
         let score = fan.share + visible + 1.5 * size
             - 0.8 * depth
-            - 1.5 * (1.0 - upright)
+            - 6.0 * (1.0 - upright)
             - 0.7 * from_behind
             - 0.4 * fan.outside
             - 0.5 * fan.blocked;
@@ -321,6 +330,21 @@ impl Search<'_> {
         }
         fan
     }
+}
+
+/// Rays from every aim, ten degrees apart around the body and eight along it.
+fn outwards(aims: &[Point3<f64>], widest: i32) -> Vec<(Point3<f64>, Vector3<f64>)> {
+    aims.iter()
+        .flat_map(|&aim| {
+            (-widest / 10..=widest / 10).flat_map(move |round| {
+                (-4..=4).map(move |tilt| {
+                    let (sin, cos) = f64::from(round * 10).to_radians().sin_cos();
+                    let (up, level) = f64::from(tilt * 8).to_radians().sin_cos();
+                    (aim, Vector3::new(sin * level, -cos * level, up))
+                })
+            })
+        })
+        .collect()
 }
 
 /// What a fan of rays meets.

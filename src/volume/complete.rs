@@ -272,4 +272,4 @@ fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -49,7 +49,14 @@ impl Seat {
 /// Adds the vertebra at a height, the disc below it and the joints with the next.
 pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, z: f64, seed: u64, level: i32) {
     let seat = Seat::new(z);
-    let soft = Over::only(&[l::FAT, l::MUSCLE, l::FASCIA, l::PERITONEAL_FAT, l::LIGAMENT]);
+    let soft = Over::only(&[
+        l::FAT,
+        l::MUSCLE,
+        l::FASCIA,
+        l::PERITONEAL_FAT,
+        l::EPIDURAL_FAT,
+        l::LIGAMENT,
+    ]);
     body_and_disc(painting, seat, soft);
     interspinous(painting, seat, z, soft);
     let rough = |shape: Block| Uneven {
@@ -156,7 +163,14 @@ fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: S
         Solid { bounds, distance: body },
         0.0,
         l::BONE,
-        Over::only(&[l::FAT, l::MUSCLE, l::FASCIA, l::PERITONEAL_FAT, l::DISC]),
+        Over::only(&[
+            l::FAT,
+            l::MUSCLE,
+            l::FASCIA,
+            l::PERITONEAL_FAT,
+            l::EPIDURAL_FAT,
+            l::DISC,
+        ]),
     );
 }
 

@@ -1,1 +1,170 @@
 use super::*;
+use crate::volume::Label;
+use crate::volume::complete::{CompleteOptions, complete};
+
+/// Background, body, target, bone.
+fn labels() -> Vec<Label> {
+    (0..4)
+        .map(|value| Label {
+            value,
+            name: None,
+            voxels: 0,
+        })
+        .collect()
+}
+
+/// A ball in an upright cylinder (radius 90 mm, axis at the origin) with something in front of it, 2 mm voxels.
+fn cylinder(ball: Vector3<f64>, bone: impl Fn(&Vector3<f64>) -> bool, half: [f64; 3]) -> LabelVolume {
+    let size = half.map(|h| h as usize);
+    let mut voxels = vec![0; size.iter().product()];
+    for (at, voxel) in voxels.iter_mut().enumerate() {
+        let index = Vector3::new(at % size[0], at / size[0] % size[1], at / (size[0] * size[1]));
+        let p = index.map(|i| 2.0 * i as f64) - Vector3::from(half).add_scalar(-1.0);
+        *voxel = if (p - ball).norm() < 20.0 {
+            2
+        } else if p.x.hypot(p.y) >= 90.0 {
+            0
+        } else if bone(&p) {
+            3
+        } else {
+            1
+        };
+    }
+    let to_world = Matrix4::new_translation(&-Vector3::from(half).add_scalar(-1.0)) * Matrix4::new_scaling(2.0);
+    LabelVolume::new(size, voxels, labels(), to_world).unwrap()
+}
+
+fn placed(volume: &LabelVolume, plane: ScanPlane) -> Result<Placement, PlacementError> {
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|label| label == 3,
+    };
+    let options = PlacementOptions {
+        plane,
+        ..PlacementOptions::default()
+    };
+    place(volume, &[2], &meaning, &options)
+}
+
+const BOX: [f64; 3] = [110.0, 110.0, 120.0];
+
+fn column(pose: &Matrix4<f64>, i: usize) -> Vector3<f64> {
+    pose.fixed_view::<3, 1>(0, i).into_owned()
+}
+
+#[test]
+fn nothing_in_the_way_means_straight_from_the_nearest_front() {
+    let ball = Vector3::new(0.0, -40.0, 5.0);
+    let volume = cylinder(ball, |_| false, BOX);
+    let place = placed(&volume, ScanPlane::Transverse).unwrap();
+    let origin = column(&place.probe_to_world, 3);
+    assert!((origin.x.hypot(origin.y) - 90.0).abs() < 2.0, "on the skin: {origin}");
+    let axial = column(&place.probe_to_world, 1);
+    assert!(axial.y > 0.95, "{axial}");
+    let miss = (ball - origin) - axial * (ball - origin).dot(&axial);
+    assert!(miss.norm() < 15.0, "aims at the ball: {miss}");
+    assert!((place.target_depth_mm - 30.0).abs() < 6.0);
+    assert_eq!(place.visible, 1.0);
+    assert!(
+        column(&place.probe_to_world, 0).x > 0.95,
+        "columns run to the patient's left"
+    );
+    let sagittal = placed(&volume, ScanPlane::Sagittal).unwrap();
+    assert!(column(&sagittal.probe_to_world, 0).z < -0.9, "columns run to the feet");
+    for pose in [place.probe_to_world, sagittal.probe_to_world] {
+        assert!((pose.determinant() - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn bone_in_front_sends_the_probe_to_the_side() {
+    let ball = Vector3::new(-30.0, -20.0, 0.0);
+    let plate = |p: &Vector3<f64>| (p.y + 70.0).abs() < 4.0 && p.x > -65.0;
+    let volume = cylinder(ball, plate, BOX);
+    let place = placed(&volume, ScanPlane::Transverse).unwrap();
+    let origin = column(&place.probe_to_world, 3);
+    assert!(origin.x < -60.0, "from the right: {origin}");
+    assert!(place.visible > 0.95, "{place:?}");
+    let x = column(&place.probe_to_world, 0);
+    assert!(x.y < -0.5, "from the right side columns run to the front: {x}");
+    let again = placed(&volume, ScanPlane::Transverse).unwrap();
+    assert_eq!(place, again);
+}
+
+#[test]
+fn a_target_wrapped_in_bone_is_hidden() {
+    let ball = Vector3::new(0.0, -30.0, 0.0);
+    let volume = cylinder(ball, |p| (p - ball).norm() < 28.0, BOX);
+    let error = placed(&volume, ScanPlane::Transverse).unwrap_err();
+    assert_eq!(error, PlacementError::Hidden { depth_mm: 150.0 });
+}
+
+#[test]
+fn the_probe_never_stands_on_a_face_that_cuts_the_body() {
+    // The box ends at y = -60: the front of the body is cut away.
+    let ball = Vector3::new(0.0, -30.0, 0.0);
+    let volume = cylinder(ball, |_| false, [110.0, 60.0, 120.0]);
+    let place = placed(&volume, ScanPlane::Transverse).unwrap();
+    let origin = column(&place.probe_to_world, 3);
+    assert!((origin.x.hypot(origin.y) - 90.0).abs() < 2.0, "{origin}");
+    // Cut on all sides, there is no skin at all.
+    let volume = cylinder(ball, |_| false, [50.0, 60.0, 60.0]);
+    assert_eq!(
+        placed(&volume, ScanPlane::Transverse).unwrap_err(),
+        PlacementError::NoSkin
+    );
+}
+
+#[test]
+fn missing_targets_and_bad_depths_are_errors() {
+    let volume = cylinder(Vector3::zeros(), |_| false, BOX);
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|_| false,
+    };
+    let options = PlacementOptions::default();
+    assert!(matches!(
+        place(&volume, &[3], &meaning, &options),
+        Err(PlacementError::NoTarget { .. })
+    ));
+    for depth_mm in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let options = PlacementOptions { depth_mm, ..options };
+        assert!(matches!(
+            place(&volume, &[2], &meaning, &options),
+            Err(PlacementError::Depth { .. })
+        ));
+    }
+}
+
+#[test]
+fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
+    let Some(volume) = crate::volume::complete::tests::nifti("tsd_s0328_labels.nii.gz") else {
+        return;
+    };
+    let volume = complete(&volume, &CompleteOptions::default()).unwrap().volume;
+    // Lungs 10 to 14, sacrum and vertebrae 25 to 50, limbs and hips 69 to 78, skull, ribs and sternum 91 to 117.
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|label| matches!(label, 10..=14 | 25..=50 | 69..=78 | 91..=117),
+    };
+    // Label, plane, share of rays, direction in which the probe may look.
+    for (organ, plane, rays) in [
+        (5u8, ScanPlane::Transverse, 0.8),
+        (2, ScanPlane::Sagittal, 0.3),
+        (21, ScanPlane::Transverse, 0.4),
+    ] {
+        let options = PlacementOptions {
+            plane,
+            ..PlacementOptions::default()
+        };
+        let found = place(&volume, &[organ], &meaning, &options).unwrap();
+        println!("label {organ}: score {:.2}, {}", found.score, found.note);
+        assert!(found.rays_on_target >= rays && found.visible > 0.9, "{}", found.note);
+        let axial = column(&found.probe_to_world, 1);
+        assert!(axial.y > -0.3, "not through the back: {axial}");
+        let origin = Point3::from(column(&found.probe_to_world, 3));
+        let label = |p: Point3<f64>| volume.label_index_at(&p).unwrap();
+        assert_eq!(label(origin - axial * 3.0), 0, "air behind the array");
+        assert_ne!(label(origin + axial * 1.0), 0, "body in front of it");
+    }
+}

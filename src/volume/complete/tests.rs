@@ -1,1 +1,277 @@
+use std::collections::HashSet;
+use std::io::Read;
+
+use nalgebra::{Matrix4, Point3, Vector3};
+
 use super::*;
+
+fn label(value: i64, name: Option<&str>) -> Label {
+    Label {
+        value,
+        name: name.map(str::to_owned),
+        voxels: 0,
+    }
+}
+
+/// A trunk of organs: an upright ring of rods around a column, in a box that leaves room.
+fn trunk(spacing: [f64; 3]) -> LabelVolume {
+    let size = [0, 1, 2].map(|axis| ([300.0, 260.0, 150.0][axis] / spacing[axis]) as usize);
+    let centre = Vector3::new(150.0, 130.0, 0.0);
+    let mut voxels = vec![0; size.iter().product()];
+    for (at, voxel) in voxels.iter_mut().enumerate() {
+        let index = Vector3::new(at % size[0], at / size[0] % size[1], at / (size[0] * size[1]));
+        let p = index.map(|i| i as f64).component_mul(&Vector3::from(spacing)) - centre;
+        for rod in 0..8 {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(rod) / 8.0).sin_cos();
+            if (p.x - 80.0 * cos).hypot(p.y - 60.0 * sin) < 12.0 {
+                *voxel = 1;
+            }
+        }
+        // Every other stretch of the column is unlabelled.
+        if p.x.hypot(p.y) < 15.0 && (p.z / 20.0) as i64 % 2 == 0 {
+            *voxel = 2;
+        }
+    }
+    let to_world = Matrix4::new_nonuniform_scaling(&Vector3::from(spacing));
+    LabelVolume::new(
+        size,
+        voxels,
+        vec![label(0, None), label(5, Some("liver")), label(9, Some("aorta"))],
+        to_world,
+    )
+    .unwrap()
+}
+
+fn run(volume: &LabelVolume) -> Completed {
+    complete(volume, &CompleteOptions::default()).unwrap()
+}
+
+/// No voxel of the body but skin touches air across a face, except through faces of the box.
+fn skin_is_closed(volume: &LabelVolume) {
+    let size = volume.size();
+    let skin = volume
+        .labels()
+        .iter()
+        .position(|l| l.name.as_deref() == Some("skin"))
+        .unwrap() as u8;
+    let voxels = volume.voxels();
+    let strides = [1, size[0], size[0] * size[1]];
+    for at in 0..voxels.len() {
+        for axis in 0..3 {
+            if at / strides[axis] % size[axis] + 1 < size[axis] {
+                let pair = [voxels[at], voxels[at + strides[axis]]];
+                if pair.contains(&0) {
+                    assert!(pair.iter().all(|&l| l == 0 || l == skin), "{pair:?} at {at}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_trunk_gets_soft_tissue_fat_and_skin_of_the_stated_thickness() {
+    for spacing in [[2.0, 2.0, 3.0], [1.0, 2.0, 5.0]] {
+        let before = trunk(spacing);
+        let done = run(&before);
+        let after = &done.volume;
+        assert_eq!(after.size(), before.size());
+        for (old, new) in before.voxels().iter().zip(after.voxels()) {
+            assert!(*old == 0 || old == new, "labels stay");
+        }
+        skin_is_closed(after);
+        let name = |p: [f64; 3]| {
+            let at = after.label_index_at(&Point3::from(p)).unwrap();
+            after.labels()[usize::from(at)].name.clone().unwrap_or_default()
+        };
+        // Between the rods, and in an unlabelled stretch of the column.
+        assert_eq!(name([150.0, 130.0, 30.0]), "soft_tissue");
+        assert_eq!(name([190.0, 130.0, 75.0]), "soft_tissue");
+        // Outwards along the rod at (80, 0): its edge at 92 mm, then soft tissue, fat, skin, air.
+        let mut lengths = std::collections::BTreeMap::<String, f64>::new();
+        for step in 0..1400 {
+            *lengths
+                .entry(name([150.0 + f64::from(step) * 0.1, 130.0, 75.0]))
+                .or_insert(0.0) += 0.1;
+        }
+        assert!((lengths["fat"] - 12.0).abs() <= 1.5 * spacing[0], "{lengths:?}");
+        let skin = 2.0f64.max(spacing.iter().copied().fold(0.0, f64::max));
+        assert!((lengths["skin"] - skin).abs() <= 1.5 * spacing[0], "{lengths:?}");
+        let body = 140.0 - lengths[""];
+        assert!(
+            (body - (92.0 + WALL_MM + 12.0 + skin)).abs() < 6.0,
+            "{body} mm: {lengths:?}"
+        );
+        let count = |name: &str| {
+            let at = after
+                .labels()
+                .iter()
+                .position(|l| l.name.as_deref() == Some(name))
+                .unwrap();
+            after.voxels().iter().filter(|&&v| usize::from(v) == at).count() as u64
+        };
+        assert_eq!(done.filled.soft_tissue, count("soft_tissue"));
+        assert_eq!(done.filled.fat, count("fat"));
+        assert_eq!(done.filled.skin, count("skin"));
+        assert!(
+            done.note.contains("12 mm of fat") && !done.note.contains("edge of the volume"),
+            "{}",
+            done.note
+        );
+    }
+}
+
+#[test]
+fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
+    let upright = trunk([3.0; 3]);
+    let [nx, ny, nz] = upright.size();
+    // The same body with its index axes turned: i runs along z, j along x, k along y.
+    let mut voxels = vec![0; nx * ny * nz];
+    for (at, &v) in upright.voxels().iter().enumerate() {
+        let [x, y, z] = [at % nx, at / nx % ny, at / (nx * ny)];
+        voxels[z + nz * (x + nx * y)] = v;
+    }
+    let turned = Matrix4::new(
+        0.0, 3.0, 0.0, 0.0, //
+        0.0, 0.0, 3.0, 0.0, //
+        3.0, 0.0, 0.0, 0.0, //
+        0.0, 0.0, 0.0, 1.0,
+    );
+    let other = LabelVolume::new([nz, nx, ny], voxels, upright.labels().to_vec(), turned).unwrap();
+    let (a, b) = (run(&upright).filled, run(&other).filled);
+    let close = |a: u64, b: u64| (a as f64 / b as f64 - 1.0).abs() < 1e-3;
+    assert!(
+        close(a.soft_tissue, b.soft_tissue) && close(a.fat, b.fat) && close(a.skin, b.skin),
+        "{a:?} {b:?}"
+    );
+}
+
+#[test]
+fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
+    let plain = trunk([4.0; 3]);
+    for named in [
+        label(204, None),
+        label(3, Some("Subcutaneous fat")),
+        label(3, Some("skin")),
+        label(1, Some("phantom_top")),
+    ] {
+        let mut labels = plain.labels().to_vec();
+        labels.push(named);
+        let volume = LabelVolume::new(plain.size(), plain.voxels().to_vec(), labels, *plain.index_to_world()).unwrap();
+        let done = run(&volume);
+        assert_eq!(done.filled, Filled::default());
+        assert_eq!(done.volume.voxels(), volume.voxels());
+    }
+    let empty = LabelVolume::new([4, 4, 4], vec![0; 64], vec![label(0, None)], Matrix4::identity()).unwrap();
+    assert_eq!(run(&empty).filled, Filled::default());
+    let phantom = crate::phantom::make(
+        crate::phantom::Phantom::TwoLayer,
+        &crate::phantom::PhantomOptions {
+            resolution_mm: Some(4.0),
+            seed: 0,
+        },
+    )
+    .unwrap();
+    assert_eq!(run(&phantom).filled, Filled::default());
+}
+
+#[test]
+fn air_and_tissue_do_as_they_say() {
+    let volume = trunk([4.0; 3]);
+    let mode = |mode| CompleteOptions {
+        mode,
+        ..CompleteOptions::default()
+    };
+    let air = complete(&volume, &mode(Unlabelled::Air)).unwrap();
+    assert_eq!(air.volume.voxels(), volume.voxels());
+    let tissue = complete(&volume, &mode(Unlabelled::Tissue)).unwrap();
+    assert!(!tissue.volume.voxels().contains(&0));
+    assert_eq!(
+        tissue.filled.soft_tissue as usize,
+        volume.voxels().iter().filter(|&&v| v == 0).count()
+    );
+}
+
+#[test]
+fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
+    let plain = trunk([4.0; 3]);
+    let mut labels = plain.labels().to_vec();
+    labels.push(label(202, Some("pebble")));
+    let volume = LabelVolume::new(plain.size(), plain.voxels().to_vec(), labels, *plain.index_to_world()).unwrap();
+    let done = run(&volume);
+    let values: Vec<i64> = done.volume.labels().iter().map(|l| l.value).collect();
+    assert_eq!(values.iter().collect::<HashSet<_>>().len(), values.len(), "{values:?}");
+    for fat_mm in [-1.0, f64::NAN, 101.0] {
+        let options = CompleteOptions {
+            fat_mm,
+            ..CompleteOptions::default()
+        };
+        assert!(matches!(
+            complete(&plain, &options),
+            Err(CompletionError::Thickness { layer: "fat", .. })
+        ));
+    }
+    let mut full = plain.labels().to_vec();
+    full.extend((0..252).map(|v| label(1000 + v, Some("x"))));
+    let full = LabelVolume::new(plain.size(), plain.voxels().to_vec(), full, *plain.index_to_world()).unwrap();
+    assert!(complete(&full, &CompleteOptions::default()).is_err());
+}
+
+#[test]
+fn the_thread_count_does_not_matter() {
+    let volume = trunk([3.0; 3]);
+    let threads = |count: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
+        pool.install(|| run(&volume)).volume
+    };
+    assert_eq!(threads(1).voxels(), threads(3).voxels());
+}
+
+/// A `.nii.gz` of bytes or 16-bit integers, well formed, without names.
+pub(crate) fn nifti(file: &str) -> Option<LabelVolume> {
+    let path = format!("{}/../shared/data/volumes/{file}", env!("CARGO_MANIFEST_DIR"));
+    let Ok(packed) = std::fs::File::open(&path) else {
+        println!("SKIPPED: {path} is not there");
+        return None;
+    };
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(packed).read_to_end(&mut bytes).unwrap();
+    let short = |at: usize| i16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    let float = |at: usize| {
+        f64::from(f32::from_le_bytes([
+            bytes[at],
+            bytes[at + 1],
+            bytes[at + 2],
+            bytes[at + 3],
+        ]))
+    };
+    let size = [42, 44, 46].map(|at| short(at) as usize);
+    let width = short(72) as usize / 8;
+    let values: Vec<u8> = bytes[float(108) as usize..]
+        .chunks_exact(width)
+        .take(size.iter().product())
+        .map(|chunk| chunk[0])
+        .collect();
+    let to_world = Matrix4::from_fn(|row, column| match row {
+        3 => f64::from(u8::from(column == 3)),
+        _ => float(280 + 16 * row + 4 * column) * if row < 2 { -1.0 } else { 1.0 },
+    });
+    let labels = (0..=255).map(|value| label(value, None)).take(150).collect();
+    Some(LabelVolume::new(size, values, labels, to_world).unwrap())
+}
+
+#[test]
+fn real_segmentations_become_whole_bodies() {
+    // File and litres of body that its box should hold: slim adults of 40 and 34 cm of trunk.
+    for (file, litres) in [
+        ("tsd_s0328_labels.nii.gz", 20.0..36.0),
+        ("ts_example_seg_full.nii.gz", 14.0..32.0),
+    ] {
+        let Some(volume) = nifti(file) else { return };
+        let done = run(&volume);
+        skin_is_closed(&done.volume);
+        let body = done.volume.voxels().iter().filter(|&&v| v != 0).count() as f64 * done.volume.voxel_mm3() / 1e6;
+        assert!(litres.contains(&body), "{file}: {body} l");
+        let shape = done.filled;
+        assert!(shape.soft_tissue > shape.fat && shape.fat > 3 * shape.skin, "{shape:?}");
+    }
+}
