@@ -1,3 +1,4 @@
 //! Files that leave the program: PNG, image sequences with transforms, sidecars.
 
 pub mod atomic;
+pub mod sequence;

@@ -1,3 +1,4 @@
 //! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
 
 pub mod probe;
+pub mod sequence;

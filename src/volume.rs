@@ -22,11 +22,11 @@ mod text;
 
 use nalgebra::{Matrix4, Point3};
 
+pub(crate) use data::read as read_data;
 pub use error::{At, VolumeError};
 pub use info::{Info, LabelInfo, describe};
-pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub(crate) use load::read_header;
-pub(crate) use data::read as read_data;
+pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub use save::save;
 
 /// One label of a volume.

@@ -37,7 +37,10 @@ pub(crate) fn label_names(xml: &str) -> BTreeMap<i64, String> {
 
 /// Text without the wrapping of CDATA, or with its entities resolved.
 fn plain(text: &str) -> String {
-    match text.strip_prefix("<![CDATA[").and_then(|inner| inner.strip_suffix("]]>")) {
+    match text
+        .strip_prefix("<![CDATA[")
+        .and_then(|inner| inner.strip_suffix("]]>"))
+    {
         Some(inner) => inner.replace("]]]]><![CDATA[>", "]]>"),
         None => text
             .replace("&lt;", "<")
@@ -61,7 +64,9 @@ pub(crate) fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
             "<Label Key=\"{value}\" Red=\"1\" Green=\"1\" Blue=\"1\" Alpha=\"1\"><![CDATA[{name}]]></Label>"
         );
     }
-    xml.push_str("</LabelTable>\n<VolumeType><![CDATA[Label]]></VolumeType>\n</VolumeInformation>\n</CaretExtension>\n");
+    xml.push_str(
+        "</LabelTable>\n<VolumeType><![CDATA[Label]]></VolumeType>\n</VolumeInformation>\n</CaretExtension>\n",
+    );
     xml
 }
 
@@ -73,7 +78,10 @@ mod tests {
     fn names_come_back_from_the_table() {
         let names = [(1, "liver"), (-4, "a < b & \"c\""), (9, "odd ]]> name")];
         let read = label_names(&table(names.into_iter()));
-        assert_eq!(read, BTreeMap::from(names.map(|(value, name)| (value, name.to_owned()))));
+        assert_eq!(
+            read,
+            BTreeMap::from(names.map(|(value, name)| (value, name.to_owned())))
+        );
     }
 
     #[test]

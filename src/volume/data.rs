@@ -13,6 +13,9 @@ use super::header::{Encoding, Header, Skip};
 /// Most bytes that one byte of deflate can stand for (RFC 1951: a match of 258 bytes takes at least two bits).
 const DEFLATE_RATIO: u64 = 1032;
 
+/// Bytes unpacked past the last that is needed, in search of the checksum at the end.
+pub(crate) const MAX_EXCESS: u64 = 64 << 20;
+
 /// Bytes unpacked at a time.
 const CHUNK: usize = 64 << 10;
 
@@ -98,12 +101,20 @@ fn text(header: &mut Header, reader: &mut BufReader<File>, begin: u64, stored: u
             return Err(short(header, at, bytes.len() as u64, expected as u64));
         }
         let words = String::from_utf8_lossy(&line);
-        for word in words.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()) {
+        for word in words
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|word| !word.is_empty())
+        {
             if read == count {
                 break;
             }
             element.push_text(word, &mut bytes).ok_or_else(|| {
-                VolumeError::malformed(&header.data.path, At::Byte(at), quoted(word), format!("a number of type {}", element.name()))
+                VolumeError::malformed(
+                    &header.data.path,
+                    At::Byte(at),
+                    quoted(word),
+                    format!("a number of type {}", element.name()),
+                )
             })?;
             read += 1;
         }
@@ -113,12 +124,12 @@ fn text(header: &mut Header, reader: &mut BufReader<File>, begin: u64, stored: u
     Ok(bytes)
 }
 
-/// Takes unpacked bytes: drops the first `skip`, keeps `wanted` and notes whether more came.
+/// Takes unpacked bytes: drops the first `skip`, keeps `wanted` and counts those that come after.
 struct Sink {
     skip: u64,
     wanted: usize,
     kept: Vec<u8>,
-    over: bool,
+    excess: u64,
 }
 
 impl Sink {
@@ -128,13 +139,13 @@ impl Sink {
         let rest = &bytes[dropped..];
         let room = self.wanted - self.kept.len();
         self.kept.extend_from_slice(&rest[..rest.len().min(room)]);
-        self.over |= rest.len() > room;
+        self.excess += rest.len().saturating_sub(room) as u64;
     }
 
-    /// Drains a decoder to its end, where it checks its sum, or to the first byte too many.
+    /// Drains a decoder to its end, where it checks its sum, unless that is too far away.
     fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
         let mut chunk = vec![0; CHUNK];
-        while !self.over {
+        while self.excess <= MAX_EXCESS {
             match decoder.read(&mut chunk) {
                 Ok(0) => break,
                 Ok(read) => self.take(&chunk[..read]),
@@ -158,13 +169,18 @@ fn unpack(
     };
     let encoding = header.data.encoding;
     if encoding != Encoding::Bzip2 && expected as u64 > stored.saturating_mul(DEFLATE_RATIO) {
-        return Err(short(header, begin + stored, stored.saturating_mul(DEFLATE_RATIO), expected as u64));
+        return Err(short(
+            header,
+            begin + stored,
+            stored.saturating_mul(DEFLATE_RATIO),
+            expected as u64,
+        ));
     }
     let mut sink = Sink {
         skip,
         wanted: expected,
         kept: Vec::new(),
-        over: false,
+        excess: 0,
     };
     loop {
         let drained = match encoding {
@@ -176,13 +192,15 @@ fn unpack(
         if let Err(cause) = drained {
             return Err(broken(header, at, sink.kept.len(), expected, &cause));
         }
-        let more = reader.fill_buf().map_err(|cause| VolumeError::read(&header.data.path, cause))?;
+        let more = reader
+            .fill_buf()
+            .map_err(|cause| VolumeError::read(&header.data.path, cause))?;
         let another_member = match encoding {
             Encoding::Bzip2 => more.starts_with(b"BZh"),
             Encoding::Zlib => false,
             _ => more.starts_with(&[0x1f, 0x8b]),
         };
-        if sink.over || !another_member {
+        if sink.excess > 0 || !another_member {
             break;
         }
     }
@@ -190,8 +208,9 @@ fn unpack(
         let at = reader.stream_position().unwrap_or(begin);
         return Err(short(header, at, sink.kept.len() as u64, expected as u64));
     }
-    if sink.over {
-        let warning = format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
+    if sink.excess > 0 {
+        let warning =
+            format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
         header.warnings.push(warning);
     }
     Ok(sink.kept)
@@ -199,15 +218,23 @@ fn unpack(
 
 fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
     let path = &header.data.path;
-    match cause.kind() {
-        io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData | io::ErrorKind::Other => {
-            VolumeError::malformed(
-                path,
-                At::Byte(at),
-                format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
-                format!("{expected} bytes unpacked"),
-            )
-        }
-        _ => VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string())),
+    if says_broken(cause) {
+        VolumeError::malformed(
+            path,
+            At::Byte(at),
+            format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
+            format!("{expected} bytes unpacked"),
+        )
+    } else {
+        VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string()))
     }
+}
+
+/// Whether an error of a decoder blames the data rather than the system.
+pub(crate) fn says_broken(cause: &io::Error) -> bool {
+    use io::ErrorKind as Kind;
+    matches!(
+        cause.kind(),
+        Kind::UnexpectedEof | Kind::InvalidInput | Kind::InvalidData | Kind::Other
+    )
 }

@@ -243,12 +243,20 @@ pub(crate) mod tests {
             assert!(message.contains("expected at most 16 GiB"), "{message}");
         }
         let axes = vec![axis(4, 1.0, 0.0, 0.0), axis(0, 0.0, 1.0, 0.0)];
-        assert!(header(axes).extent().unwrap_err().to_string().contains("at least one sample"));
+        assert!(
+            header(axes)
+                .extent()
+                .unwrap_err()
+                .to_string()
+                .contains("at least one sample")
+        );
     }
 
     #[test]
     fn slices_get_a_normal_and_lists_are_no_volume() {
-        let flat = header(vec![axis(4, 0.0, 2.0, 0.0), axis(5, 2.0, 0.0, 0.0)]).grid().unwrap();
+        let flat = header(vec![axis(4, 0.0, 2.0, 0.0), axis(5, 2.0, 0.0, 0.0)])
+            .grid()
+            .unwrap();
         assert_eq!(flat.size, [4, 5, 1]);
         assert_eq!(flat.index_to_world.column(2).z, -1.0);
         let list = Axis {
@@ -265,9 +273,24 @@ pub(crate) mod tests {
     #[test]
     fn zero_nan_and_coplanar_directions_are_refused_and_shear_is_measured() {
         let with = |third: Axis| header(vec![axis(2, 1.0, 0.0, 0.0), axis(2, 0.0, 1.0, 0.0), third]).grid();
-        assert!(with(axis(2, 0.0, 0.0, 0.0)).unwrap_err().to_string().contains("span no volume"));
-        assert!(with(axis(2, 1.0, 1.0, 1e-9)).unwrap_err().to_string().contains("span no volume"));
-        assert!(with(axis(2, 0.0, 0.0, f64::NAN)).unwrap_err().to_string().contains("not finite"));
+        assert!(
+            with(axis(2, 0.0, 0.0, 0.0))
+                .unwrap_err()
+                .to_string()
+                .contains("span no volume")
+        );
+        assert!(
+            with(axis(2, 1.0, 1.0, 1e-9))
+                .unwrap_err()
+                .to_string()
+                .contains("span no volume")
+        );
+        assert!(
+            with(axis(2, 0.0, 0.0, f64::NAN))
+                .unwrap_err()
+                .to_string()
+                .contains("not finite")
+        );
         assert!(with(axis(2, 0.0, 0.0, 1e-200)).is_err());
         assert_eq!(with(axis(2, 0.0, 0.0, 3.0)).unwrap().shear_deg, None);
         let sheared = with(axis(2, 0.0, 1.0, 1.0)).unwrap().shear_deg.unwrap();

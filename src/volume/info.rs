@@ -82,7 +82,13 @@ fn orientation(volume: &LabelVolume) -> String {
     let best = ASSIGNMENTS
         .iter()
         .copied()
-        .reduce(|best, next| if agreement(&next) > agreement(&best) { next } else { best })
+        .reduce(|best, next| {
+            if agreement(&next) > agreement(&best) {
+                next
+            } else {
+                best
+            }
+        })
         .unwrap_or([0, 1, 2]);
     (0..3)
         .map(|axis| LETTERS[best[axis]][usize::from(cosine(best[axis], axis) < 0.0)])
@@ -97,7 +103,11 @@ impl fmt::Display for Info {
         writeln!(f, "file         {}", self.file)?;
         writeln!(f, "size         {x} x {y} x {z} voxels")?;
         writeln!(f, "spacing      {dx:.4} x {dy:.4} x {dz:.4} mm")?;
-        writeln!(f, "orientation  {} (directions the index axes run towards)", self.orientation)?;
+        writeln!(
+            f,
+            "orientation  {} (directions the index axes run towards)",
+            self.orientation
+        )?;
         writeln!(f, "origin       {ox:.3}, {oy:.3}, {oz:.3} mm (LPS)")?;
         writeln!(f)?;
         let named = self.labels.iter().map(|label| label.name.chars().count()).max();
@@ -142,7 +152,10 @@ mod tests {
         let info = describe(&volume, Path::new("a.nrrd"), &["odd".to_owned()]);
         assert_eq!(info.orientation, "PIR");
         assert_eq!(info.origin_mm, [10.0, 20.0, 30.0]);
-        assert_eq!((info.labels[0].name.as_str(), info.labels[1].name.as_str()), ("unlabelled", ""));
+        assert_eq!(
+            (info.labels[0].name.as_str(), info.labels[1].name.as_str()),
+            ("unlabelled", "")
+        );
         assert!((info.labels[1].millilitres - volume.voxel_mm3() / 1000.0).abs() < 1e-12);
         let json = serde_json::to_value(&info).unwrap();
         assert_eq!(json["labels"][1]["value"], 9);

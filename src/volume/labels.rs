@@ -58,12 +58,7 @@ struct Fraction {
     value: f64,
 }
 
-fn index<T: Sample>(
-    bytes: &[u8],
-    order: ByteOrder,
-    scale: Option<Scale>,
-    layers: usize,
-) -> Result<Indexed, Fraction> {
+fn index<T: Sample>(bytes: &[u8], order: ByteOrder, scale: Option<Scale>, layers: usize) -> Result<Indexed, Fraction> {
     let mut index = Index::new();
     let mut voxels = Vec::with_capacity(bytes.len() / T::BYTES / layers);
     let mut overlaps = 0;
@@ -109,7 +104,9 @@ pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeE
     let layers = if layered { header.axes.remove(0).size } else { 1 };
     let grid = header.grid()?;
     if let Some(degrees) = grid.shear_deg {
-        warnings.push(format!("the axes are sheared: {degrees:.2} degrees off a right angle; taken as they are"));
+        warnings.push(format!(
+            "the axes are sheared: {degrees:.2} degrees off a right angle; taken as they are"
+        ));
     }
     let element = header.element()?;
     let indexed = with_sample!(element, T => index::<T>(bytes, header.order, header.scale, layers));
@@ -135,7 +132,9 @@ pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeE
     }
     if indexed.overlaps > 0 {
         let overlaps = indexed.overlaps;
-        warnings.push(format!("{overlaps} voxels belong to segments of several layers: the highest layer counts"));
+        warnings.push(format!(
+            "{overlaps} voxels belong to segments of several layers: the highest layer counts"
+        ));
     }
     let values = values(stored, &named, &mut warnings);
     let mut order: Vec<usize> = (1..stored.len()).collect();
@@ -160,11 +159,7 @@ pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeE
 }
 
 /// A value of its own for each stored label: that of the file, unless a lower layer already has it.
-fn values(
-    stored: &[Stored],
-    named: &BTreeMap<Stored, Option<String>>,
-    warnings: &mut Vec<String>,
-) -> Vec<i64> {
+fn values(stored: &[Stored], named: &BTreeMap<Stored, Option<String>>, warnings: &mut Vec<String>) -> Vec<i64> {
     let mut order: Vec<usize> = (1..stored.len()).collect();
     order.sort_by_key(|&number| stored[number]);
     let mut taken: BTreeSet<i64> = BTreeSet::from([0]);
@@ -214,7 +209,12 @@ mod tests {
     }
 
     fn values(loaded: &Loaded) -> Vec<(i64, u64)> {
-        loaded.volume.labels().iter().map(|label| (label.value, label.voxels)).collect()
+        loaded
+            .volume
+            .labels()
+            .iter()
+            .map(|label| (label.value, label.voxels))
+            .collect()
     }
 
     #[test]
@@ -240,8 +240,13 @@ mod tests {
     #[test]
     fn more_than_256_labels_look_like_a_grey_image() {
         let grey: Vec<i16> = (1..=256).collect();
-        let message = volume(cube([256, 1, 1], Element::I16), &bytes(&grey)).unwrap_err().to_string();
-        assert!(message.contains("257 distinct labels") && message.contains("grey image"), "{message}");
+        let message = volume(cube([256, 1, 1], Element::I16), &bytes(&grey))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("257 distinct labels") && message.contains("grey image"),
+            "{message}"
+        );
         assert!(volume(cube([255, 1, 1], Element::I16), &bytes(&grey[..255])).is_ok());
     }
 
@@ -267,10 +272,23 @@ mod tests {
         layered.key_values = keys.map(|(key, value)| (key.to_owned(), value.to_owned())).to_vec();
         let loaded = volume(layered, &bytes(&[0, 0, 1, 0, 1, 1, 0, 1])).unwrap();
         assert_eq!(values(&loaded), [(0, 1), (1, 2), (2, 0), (3, 2)]);
-        let names: Vec<_> = loaded.volume.labels().iter().map(|label| label.name.as_deref()).collect();
+        let names: Vec<_> = loaded
+            .volume
+            .labels()
+            .iter()
+            .map(|label| label.name.as_deref())
+            .collect();
         assert_eq!(names, [None, Some("low"), Some("empty"), Some("high")]);
         assert_eq!(loaded.volume.voxels(), [0, 1, 3, 3]);
-        assert!(loaded.warnings.iter().any(|w| w.starts_with("1 voxels belong")), "{:?}", loaded.warnings);
-        assert!(loaded.warnings.iter().any(|w| w.contains("takes value 3")), "{:?}", loaded.warnings);
+        assert!(
+            loaded.warnings.iter().any(|w| w.starts_with("1 voxels belong")),
+            "{:?}",
+            loaded.warnings
+        );
+        assert!(
+            loaded.warnings.iter().any(|w| w.contains("takes value 3")),
+            "{:?}",
+            loaded.warnings
+        );
     }
 }

@@ -55,13 +55,23 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
     while tags.data_file.is_none() {
         let Some(line) = lines.next().map_err(|cause| VolumeError::read(path, cause))? else {
             let found = format!("the end of the header after {} lines", lines.count());
-            return Err(VolumeError::malformed(path, At::Byte(lines.offset()), found, "\"ElementDataFile = ...\""));
+            return Err(VolumeError::malformed(
+                path,
+                At::Byte(lines.offset()),
+                found,
+                "\"ElementDataFile = ...\"",
+            ));
         };
         if line.text.trim().is_empty() {
             continue;
         }
         let Some((name, value)) = line.text.split_once('=') else {
-            return Err(VolumeError::malformed(path, At::Line(line.number), quoted(&line.text), "\"tag = value\""));
+            return Err(VolumeError::malformed(
+                path,
+                At::Line(line.number),
+                quoted(&line.text),
+                "\"tag = value\"",
+            ));
         };
         tags.set(&Field {
             path,
@@ -132,16 +142,29 @@ impl Tags {
                 self.data_file = Some(field.value.to_owned());
             }
             // AnatomicalOrientation repeats the transform, and many writers get it wrong.
-            "ObjectType" | "ObjectSubType" | "Comment" | "Name" | "ID" | "ParentID" | "Color" | "CenterOfRotation"
-            | "AnatomicalOrientation" | "CompressedDataSize" | "CompressionLevel" | "ElementMin" | "ElementMax"
-            | "DistanceUnits" | "Modality" => {}
+            "ObjectType"
+            | "ObjectSubType"
+            | "Comment"
+            | "Name"
+            | "ID"
+            | "ParentID"
+            | "Color"
+            | "CenterOfRotation"
+            | "AnatomicalOrientation"
+            | "CompressedDataSize"
+            | "CompressionLevel"
+            | "ElementMin"
+            | "ElementMax"
+            | "DistanceUnits"
+            | "Modality" => {}
             other => self.key_values.push((other.to_owned(), field.value.to_owned())),
         }
         Ok(())
     }
 
     fn dimensions(&self, field: &Field) -> Result<usize, VolumeError> {
-        self.dimensions.ok_or_else(|| field.malformed("\"NDims = ...\" on a line before it"))
+        self.dimensions
+            .ok_or_else(|| field.malformed("\"NDims = ...\" on a line before it"))
     }
 
     fn per_axis<T: std::str::FromStr>(&self, field: &Field, what: &str) -> Result<Vec<T>, VolumeError> {
@@ -150,12 +173,20 @@ impl Tags {
 
     fn spacings(&self, field: &Field) -> Result<Vec<f64>, VolumeError> {
         let spacings: Vec<f64> = self.per_axis(field, "spacings in mm, one an axis")?;
-        spacings.into_iter().map(|spacing| field.check_spacing(spacing)).collect()
+        spacings
+            .into_iter()
+            .map(|spacing| field.check_spacing(spacing))
+            .collect()
     }
 
     fn finish(mut self, path: &Path, header_bytes: u64) -> Result<Header, VolumeError> {
         let missing = |name: &str| {
-            VolumeError::malformed(path, At::Header, format!("no tag {name:?}"), format!("\"{name} = ...\""))
+            VolumeError::malformed(
+                path,
+                At::Header,
+                format!("no tag {name:?}"),
+                format!("\"{name} = ...\""),
+            )
         };
         let dimensions = self.dimensions.ok_or_else(|| missing("NDims"))?;
         let sizes = self.sizes.take().ok_or_else(|| missing("DimSize"))?;
@@ -202,10 +233,18 @@ impl Tags {
             axes,
             origin,
             element,
-            order: if self.big_endian { ByteOrder::Big } else { ByteOrder::Little },
+            order: if self.big_endian {
+                ByteOrder::Big
+            } else {
+                ByteOrder::Little
+            },
             scale: Scale::new(self.slope.unwrap_or(1.0), self.intercept.unwrap_or(0.0)),
             data: DataPlace {
-                path: if local { path.to_owned() } else { path.parent().unwrap_or(Path::new("")).join(&data_file) },
+                path: if local {
+                    path.to_owned()
+                } else {
+                    path.parent().unwrap_or(Path::new("")).join(&data_file)
+                },
                 start: if local { header_bytes } else { 0 },
                 skip_lines: 0,
                 skip: u64::try_from(self.header_size).map_or(Skip::AllButTheImage, Skip::Bytes),

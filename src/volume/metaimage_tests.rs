@@ -45,7 +45,11 @@ fn every_type_is_known() {
         ("MET_DOUBLE", Some(Element::F64)),
         ("MET_OTHER", None),
     ] {
-        assert_eq!(read(&format!("ElementType = {name}")).unwrap().element, element, "{name}");
+        assert_eq!(
+            read(&format!("ElementType = {name}")).unwrap().element,
+            element,
+            "{name}"
+        );
     }
 }
 
@@ -55,13 +59,22 @@ fn byte_order_compression_and_header_size() {
     assert_eq!(header.order, ByteOrder::Big);
     assert_eq!(header.data.encoding, Encoding::Zlib);
     assert_eq!(header.data.skip, Skip::AllButTheImage);
-    assert_eq!(read("BinaryDataByteOrderMSB = False\nHeaderSize = 5").unwrap().data.skip, Skip::Bytes(5));
+    assert_eq!(
+        read("BinaryDataByteOrderMSB = False\nHeaderSize = 5")
+            .unwrap()
+            .data
+            .skip,
+        Skip::Bytes(5)
+    );
 }
 
 #[test]
 fn broken_tags_name_their_line() {
     for (more, expected) in [
-        ("ElementSpacing = 1 0 1", "line 5: found ElementSpacing \"1 0 1\", expected spacings above 0"),
+        (
+            "ElementSpacing = 1 0 1",
+            "line 5: found ElementSpacing \"1 0 1\", expected spacings above 0",
+        ),
         ("ElementSpacing = 1 -1 1", "line 5: found ElementSpacing"),
         ("ElementSpacing = 1 nan 1", "line 5: found ElementSpacing"),
         ("ElementSpacing = 1 inf 1", "line 5: found ElementSpacing"),
@@ -71,7 +84,10 @@ fn broken_tags_name_their_line() {
         ("TransformMatrix = 1 0 0 1", "expected 9 numbers"),
         ("ElementType = MET_STRING", "line 5: found ElementType"),
         ("ElementNumberOfChannels = 3", "images of one channel"),
-        ("ElementDataFile = LIST", "line 5: ElementDataFile \"LIST\" is not supported"),
+        (
+            "ElementDataFile = LIST",
+            "line 5: ElementDataFile \"LIST\" is not supported",
+        ),
         ("ElementDataFile = slice%03d.raw 1 9 1", "the data must lie in one file"),
         ("CompressedData = maybe", "expected True or False"),
         ("HeaderSize = -2", "line 5: found HeaderSize"),
@@ -81,8 +97,12 @@ fn broken_tags_name_their_line() {
         let message = read(more).map(|_| "loaded").unwrap_err();
         assert!(message.contains(expected), "{message} should hold {expected}");
     }
-    let early = parse(Path::new("x"), &b"DimSize = 1 1 1\nNDims = 3\n"[..]).map(|_| "loaded").unwrap_err();
+    let early = parse(Path::new("x"), &b"DimSize = 1 1 1\nNDims = 3\n"[..])
+        .map(|_| "loaded")
+        .unwrap_err();
     assert!(early.to_string().contains("on a line before it"), "{early}");
-    let endless = parse(Path::new("x"), &b"NDims = 3\n"[..]).map(|_| "loaded").unwrap_err();
+    let endless = parse(Path::new("x"), &b"NDims = 3\n"[..])
+        .map(|_| "loaded")
+        .unwrap_err();
     assert!(endless.to_string().contains("after 1 lines"), "{endless}");
 }

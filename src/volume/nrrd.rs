@@ -55,7 +55,12 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
     let magic = lines.next().map_err(fail)?.map(|line| line.text).unwrap_or_default();
     let version = magic.strip_prefix("NRRD").and_then(|digits| digits.parse::<u32>().ok());
     if !version.is_some_and(|version| (1..=5).contains(&version)) {
-        return Err(VolumeError::malformed(path, At::Line(1), quoted(&magic), "\"NRRD0001\" to \"NRRD0005\""));
+        return Err(VolumeError::malformed(
+            path,
+            At::Line(1),
+            quoted(&magic),
+            "\"NRRD0001\" to \"NRRD0005\"",
+        ));
     }
     let mut fields = Fields::default();
     while let Some(line) = lines.next().map_err(fail)? {
@@ -65,7 +70,10 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
         if line.text.starts_with('#') {
             continue;
         }
-        let colon = line.text.find(": ").or_else(|| line.text.strip_suffix(':').map(str::len));
+        let colon = line
+            .text
+            .find(": ")
+            .or_else(|| line.text.strip_suffix(':').map(str::len));
         match (line.text.find(":="), colon) {
             (Some(split), colon) if colon.is_none_or(|colon| split < colon) => {
                 let (key, value) = (&line.text[..split], &line.text[split + 2..]);
@@ -82,7 +90,12 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
             }
             _ => {
                 let expected = "\"field: value\" or \"key:=value\"";
-                return Err(VolumeError::malformed(path, At::Line(line.number), quoted(&line.text), expected));
+                return Err(VolumeError::malformed(
+                    path,
+                    At::Line(line.number),
+                    quoted(&line.text),
+                    expected,
+                ));
             }
         }
     }
@@ -170,13 +183,19 @@ impl Fields {
             "content" | "block size" | "blocksize" | "number" | "min" | "max" | "old min" | "oldmin" | "old max"
             | "oldmax" | "thicknesses" | "axis mins" | "axismins" | "axis maxs" | "axismaxs" | "centers"
             | "centerings" | "labels" | "units" | "sample units" | "sampleunits" | "measurement frame" => {}
-            other => self.warnings.push(format!("line {}: unknown field {} ignored", field.line, quoted(other))),
+            other => self
+                .warnings
+                .push(format!("line {}: unknown field {} ignored", field.line, quoted(other))),
         }
         Ok(())
     }
 
     fn unit(&mut self, field: &Field) -> Option<f64> {
-        let unit = field.value.split('"').find(|part| !part.trim().is_empty()).unwrap_or_default();
+        let unit = field
+            .value
+            .split('"')
+            .find(|part| !part.trim().is_empty())
+            .unwrap_or_default();
         let known = match unit.trim() {
             "mm" | "millimeter" | "millimetre" => Some(1.0),
             "cm" => Some(10.0),
@@ -205,7 +224,12 @@ impl Fields {
         let per_axis = |name: &str, found: Option<usize>| match found {
             Some(found) if found != dimension => {
                 let found = format!("{found} entries in {name:?}");
-                Err(VolumeError::malformed(path, At::Header, found, format!("one for each of {dimension} axes")))
+                Err(VolumeError::malformed(
+                    path,
+                    At::Header,
+                    found,
+                    format!("one for each of {dimension} axes"),
+                ))
             }
             _ => Ok(()),
         };
@@ -220,7 +244,10 @@ impl Fields {
         let (axes, origin) = self.geometry(path, &sizes)?;
         let data = match &self.data_file {
             Some(name) => (path.parent().unwrap_or(Path::new("")).join(name), 0),
-            None if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("nhdr")) => {
+            None if path
+                .extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("nhdr")) =>
+            {
                 return Err(missing("data file"));
             }
             None => (path.to_owned(), header_bytes),
@@ -273,7 +300,12 @@ impl Fields {
                     if !(spacing > 0.0 && spacing.is_finite()) {
                         let found = format!("spacing {spacing} of axis {axis}");
                         let at = At::Line(self.spacings_line);
-                        return Err(VolumeError::malformed(path, at, found, "spacings above 0 and finite, mm"));
+                        return Err(VolumeError::malformed(
+                            path,
+                            at,
+                            found,
+                            "spacings above 0 and finite, mm",
+                        ));
                     }
                     let mut step = Vector3::zeros();
                     step[next_direction] = spacing;
@@ -285,10 +317,12 @@ impl Fields {
             axes.push(Axis { size, direction });
         }
         if self.directions.is_none() && self.spacings.is_none() {
-            self.warnings.push("no spacing in the file: taken as 1 mm along every axis".to_owned());
+            self.warnings
+                .push("no spacing in the file: taken as 1 mm along every axis".to_owned());
         }
         if self.space.is_none() && self.directions.is_some() && self.space_dimension != Some(2) {
-            self.warnings.push("no anatomical space in the file: taken as LPS".to_owned());
+            self.warnings
+                .push("no anatomical space in the file: taken as LPS".to_owned());
         }
         Ok((axes, origin))
     }
@@ -303,7 +337,12 @@ fn element(field: &Field) -> Result<Option<Element>, VolumeError> {
         "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Element::U16,
         "int" | "signed int" | "int32" | "int32_t" => Element::I32,
         "uint" | "unsigned int" | "uint32" | "uint32_t" => Element::U32,
-        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64"
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
         | "int64_t" => Element::I64,
         "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Element::U64,
         "float" => Element::F32,

@@ -38,8 +38,12 @@ impl Space {
             (0..name.len()).filter_map(|at| name.get(at..=at)).collect()
         };
         let to_lps = match words[..] {
-            [x, y, z] => [("left", "right", x), ("posterior", "anterior", y), ("superior", "inferior", z)]
-                .map(|(positive, negative, word)| sign(word, positive, negative)),
+            [x, y, z] => [
+                ("left", "right", x),
+                ("posterior", "anterior", y),
+                ("superior", "inferior", z),
+            ]
+            .map(|(positive, negative, word)| sign(word, positive, negative)),
             _ => [None; 3],
         };
         match to_lps {

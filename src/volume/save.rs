@@ -32,7 +32,12 @@ pub fn save(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> {
         save_metaimage(volume, path)
     } else {
         let instead = "names end in .nrrd, .seg.nrrd, .nii, .nii.gz or .mha";
-        Err(VolumeError::unsupported(path, At::Header, "writing this kind of file", instead))
+        Err(VolumeError::unsupported(
+            path,
+            At::Header,
+            "writing this kind of file",
+            instead,
+        ))
     }
 }
 
@@ -56,7 +61,10 @@ fn write_voxels(volume: &LabelVolume, element: Element, writer: &mut impl Write)
 }
 
 fn named(volume: &LabelVolume) -> impl Iterator<Item = (i64, &str)> {
-    volume.labels().iter().filter_map(|label| Some((label.value, label.name.as_deref()?)))
+    volume
+        .labels()
+        .iter()
+        .filter_map(|label| Some((label.value, label.name.as_deref()?)))
 }
 
 /// Appends to a header; writing to a string cannot fail.
@@ -120,7 +128,9 @@ fn push_segments(volume: &LabelVolume, header: &mut String) {
     let extents = extents(volume);
     let foreground = volume.labels().iter().zip(&extents).skip(1).enumerate();
     for (number, (Label { value, name, .. }, extent)) in foreground {
-        let name = name.as_deref().map_or_else(|| Cow::from(format!("label {value}")), Cow::from);
+        let name = name
+            .as_deref()
+            .map_or_else(|| Cow::from(format!("label {value}")), Cow::from);
         let [red, green, blue] = colour(number);
         let [low, high] = extent.map(|bound| bound.map(|n| n.to_string()));
         line!(header, "Segment{number}_ID:=Segment_{value}");
@@ -131,7 +141,12 @@ fn push_segments(volume: &LabelVolume, header: &mut String) {
         line!(
             header,
             "Segment{number}_Extent:={} {} {} {} {} {}",
-            low[0], high[0], low[1], high[1], low[2], high[2]
+            low[0],
+            high[0],
+            low[1],
+            high[1],
+            low[2],
+            high[2]
         );
         line!(header, "Segment{number}_Tags:=");
     }

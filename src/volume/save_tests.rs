@@ -44,7 +44,11 @@ fn volumes_come_back_from_every_format() {
             let loaded = load(&path).unwrap();
             assert_eq!(loaded.volume.size(), volume.size(), "{name}");
             let found = |volume: &LabelVolume| -> Vec<i64> {
-                volume.voxels().iter().map(|&v| volume.labels()[usize::from(v)].value).collect()
+                volume
+                    .voxels()
+                    .iter()
+                    .map(|&v| volume.labels()[usize::from(v)].value)
+                    .collect()
             };
             assert_eq!(found(&loaded.volume), found(&volume), "{name} {values:?}");
             for label in volume.labels() {
@@ -54,7 +58,11 @@ fn volumes_come_back_from_every_format() {
             let difference = (loaded.volume.index_to_world() - volume.index_to_world()).abs().max();
             // MetaImage divides by the spacing and multiplies again; these steps are exact in single precision.
             assert!(difference < 1e-14, "{name} differs by {difference}");
-            assert!(loaded.warnings.iter().all(|warning| warning.contains("sheared")), "{:?}", loaded.warnings);
+            assert!(
+                loaded.warnings.iter().all(|warning| warning.contains("sheared")),
+                "{:?}",
+                loaded.warnings
+            );
         }
     }
 }
@@ -87,7 +95,10 @@ fn segments_carry_their_extent() {
 fn other_endings_long_axes_and_missing_folders_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let other = save(&sample(&[0, 1]), &folder.path().join("a.png")).unwrap_err();
-    assert!(other.to_string().contains("names end in .nrrd") && !other.is_machine(), "{other}");
+    assert!(
+        other.to_string().contains("names end in .nrrd") && !other.is_machine(),
+        "{other}"
+    );
     let away = save(&sample(&[0, 1]), &folder.path().join("no/a.mha")).unwrap_err();
     assert!(away.is_machine(), "{away}");
     let labels = vec![Label {

@@ -55,7 +55,10 @@ mod tests {
             ("Segment2_Layer", "2"),
         ];
         let read = from_keys(&keys.map(|(key, value)| (key.to_owned(), value.to_owned())));
-        let expected = [((0, 7), Some("ribs: all".to_owned())), ((2, 1), Some("only_id".to_owned()))];
+        let expected = [
+            ((0, 7), Some("ribs: all".to_owned())),
+            ((2, 1), Some("only_id".to_owned())),
+        ];
         assert_eq!(read, BTreeMap::from(expected));
     }
 }
