@@ -250,6 +250,17 @@ mod tests {
         assert_eq!(x("Stylus", "Tracker"), None);
         assert_eq!(x("Probe", "Nowhere"), None);
         assert_eq!(chain(&BTreeMap::new(), "A", "B"), None);
+        let turn = TrackedTransform {
+            matrix: Matrix4::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2),
+            valid: true,
+        };
+        // First moved along x, then turned about z: the shift ends up along y.
+        let ordered = BTreeMap::from([("AToB".to_owned(), shift(5.0, true)), ("BToC".to_owned(), turn)]);
+        let matrix = chain(&ordered, "A", "C").unwrap();
+        assert!(
+            (matrix[(1, 3)] - 5.0).abs() < 1e-12 && matrix[(0, 3)].abs() < 1e-12,
+            "{matrix}"
+        );
     }
 
     fn write(text: &str, data: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {

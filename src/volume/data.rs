@@ -10,9 +10,6 @@ use super::element::{ByteOrder, Element};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
 
-/// Most bytes that one byte of deflate can stand for (RFC 1951: a match of 258 bytes takes at least two bits).
-const DEFLATE_RATIO: u64 = 1032;
-
 /// Bytes unpacked past the last that is needed, in search of the checksum at the end.
 pub(crate) const MAX_EXCESS: u64 = 64 << 20;
 
@@ -40,7 +37,7 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
     match place.encoding {
         Encoding::Raw => raw(header, &mut reader, begin, stored, expected),
         Encoding::Text => text(header, &mut reader, begin, stored),
-        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, &mut reader, begin, stored, expected),
+        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, &mut reader, begin, expected),
     }
 }
 
@@ -161,21 +158,12 @@ fn unpack(
     header: &mut Header,
     reader: &mut BufReader<File>,
     begin: u64,
-    stored: u64,
     expected: usize,
 ) -> Result<Vec<u8>, VolumeError> {
     let Skip::Bytes(skip) = header.data.skip else {
         return Err(header.unsupported("a byte skip of -1 in compressed data", "it goes with raw data"));
     };
     let encoding = header.data.encoding;
-    if encoding != Encoding::Bzip2 && expected as u64 > stored.saturating_mul(DEFLATE_RATIO) {
-        return Err(short(
-            header,
-            begin + stored,
-            stored.saturating_mul(DEFLATE_RATIO),
-            expected as u64,
-        ));
-    }
     let mut sink = Sink {
         skip,
         wanted: expected,

@@ -205,6 +205,47 @@ fn headers_that_promise_too_much_get_no_memory() {
 }
 
 #[test]
+fn skips_of_lines_bytes_and_all_but_the_image_find_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("data.raw"), b"one\ntwo\nxyz\x01\x02\x03").unwrap();
+    let nrrd = |skip: &str| {
+        format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 1 1\nspacings: 1 1 1\nencoding: raw\n{skip}\ndata file: data.raw\n"
+        )
+    };
+    let mha = |skip: &str| {
+        format!(
+            "NDims = 3\nDimSize = 3 1 1\nElementSpacing = 1 1 1\n{skip}\nElementType = MET_UCHAR\nElementDataFile = \
+             data.raw\n"
+        )
+    };
+    for (name, text) in [
+        ("a.nhdr", nrrd("byte skip: -1")),
+        ("b.nhdr", nrrd("byte skip: 11")),
+        ("c.nhdr", nrrd("line skip: 2\nbyte skip: 3")),
+        ("d.mhd", mha("HeaderSize = -1")),
+        ("e.mhd", mha("HeaderSize = 11")),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let loaded = volume::load(&path).unwrap();
+        let values: Vec<i64> = loaded.volume.labels().iter().map(|label| label.value).collect();
+        assert_eq!(
+            (values, loaded.volume.voxels()),
+            (vec![0, 1, 2, 3], &[1, 2, 3][..]),
+            "{name}"
+        );
+    }
+    let path = folder.path().join("f.nhdr");
+    std::fs::write(&path, nrrd("byte skip: 12")).unwrap();
+    let message = volume::load(&path).unwrap_err().to_string();
+    assert!(
+        message.contains("data.raw, byte 14: found the end of the data after 2 bytes"),
+        "{message}"
+    );
+}
+
+#[test]
 fn sheared_transforms_load_with_a_warning_and_singular_ones_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.nrrd");
