@@ -4,3 +4,4 @@ pub mod atomic;
 pub mod overview;
 pub mod png;
 pub mod sidecar;
+pub mod sequence;

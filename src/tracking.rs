@@ -7,3 +7,4 @@ pub mod placement;
 pub mod pose;
 pub mod probe;
 pub mod trajectory;
+pub mod sequence;

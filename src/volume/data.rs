@@ -10,8 +10,8 @@ use super::element::{ByteOrder, Element};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
 
-/// Most bytes that one byte of deflate can stand for (RFC 1951: a match of 258 bytes takes at least two bits).
-const DEFLATE_RATIO: u64 = 1032;
+/// Bytes unpacked past the last that is needed, in search of the checksum at the end.
+pub(crate) const MAX_EXCESS: u64 = 64 << 20;
 
 /// Bytes unpacked at a time.
 const CHUNK: usize = 64 << 10;
@@ -37,7 +37,7 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
     match place.encoding {
         Encoding::Raw => raw(header, &mut reader, begin, stored, expected),
         Encoding::Text => text(header, &mut reader, begin, stored),
-        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, &mut reader, begin, stored, expected),
+        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, &mut reader, begin, expected),
     }
 }
 
@@ -121,12 +121,12 @@ fn text(header: &mut Header, reader: &mut BufReader<File>, begin: u64, stored: u
     Ok(bytes)
 }
 
-/// Takes unpacked bytes: drops the first `skip`, keeps `wanted` and notes whether more came.
+/// Takes unpacked bytes: drops the first `skip`, keeps `wanted` and counts those that come after.
 struct Sink {
     skip: u64,
     wanted: usize,
     kept: Vec<u8>,
-    over: bool,
+    excess: u64,
 }
 
 impl Sink {
@@ -136,13 +136,13 @@ impl Sink {
         let rest = &bytes[dropped..];
         let room = self.wanted - self.kept.len();
         self.kept.extend_from_slice(&rest[..rest.len().min(room)]);
-        self.over |= rest.len() > room;
+        self.excess += rest.len().saturating_sub(room) as u64;
     }
 
-    /// Drains a decoder to its end, where it checks its sum, or to the first byte too many.
+    /// Drains a decoder to its end, where it checks its sum, unless that is too far away.
     fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
         let mut chunk = vec![0; CHUNK];
-        while !self.over {
+        while self.excess <= MAX_EXCESS {
             match decoder.read(&mut chunk) {
                 Ok(0) => break,
                 Ok(read) => self.take(&chunk[..read]),
@@ -158,26 +158,17 @@ fn unpack(
     header: &mut Header,
     reader: &mut BufReader<File>,
     begin: u64,
-    stored: u64,
     expected: usize,
 ) -> Result<Vec<u8>, VolumeError> {
     let Skip::Bytes(skip) = header.data.skip else {
         return Err(header.unsupported("a byte skip of -1 in compressed data", "it goes with raw data"));
     };
     let encoding = header.data.encoding;
-    if encoding != Encoding::Bzip2 && expected as u64 > stored.saturating_mul(DEFLATE_RATIO) {
-        return Err(short(
-            header,
-            begin + stored,
-            stored.saturating_mul(DEFLATE_RATIO),
-            expected as u64,
-        ));
-    }
     let mut sink = Sink {
         skip,
         wanted: expected,
         kept: Vec::new(),
-        over: false,
+        excess: 0,
     };
     loop {
         let drained = match encoding {
@@ -197,7 +188,7 @@ fn unpack(
             Encoding::Zlib => false,
             _ => more.starts_with(&[0x1f, 0x8b]),
         };
-        if sink.over || !another_member {
+        if sink.excess > 0 || !another_member {
             break;
         }
     }
@@ -205,7 +196,7 @@ fn unpack(
         let at = reader.stream_position().unwrap_or(begin);
         return Err(short(header, at, sink.kept.len() as u64, expected as u64));
     }
-    if sink.over {
+    if sink.excess > 0 {
         let warning =
             format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
         header.warnings.push(warning);
@@ -215,16 +206,23 @@ fn unpack(
 
 fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
     let path = &header.data.path;
-    match cause.kind() {
-        io::ErrorKind::UnexpectedEof
-        | io::ErrorKind::InvalidInput
-        | io::ErrorKind::InvalidData
-        | io::ErrorKind::Other => VolumeError::malformed(
+    if says_broken(cause) {
+        VolumeError::malformed(
             path,
             At::Byte(at),
             format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
             format!("{expected} bytes unpacked"),
-        ),
-        _ => VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string())),
+        )
+    } else {
+        VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string()))
     }
+}
+
+/// Whether an error of a decoder blames the data rather than the system.
+pub(crate) fn says_broken(cause: &io::Error) -> bool {
+    use io::ErrorKind as Kind;
+    matches!(
+        cause.kind(),
+        Kind::UnexpectedEof | Kind::InvalidInput | Kind::InvalidData | Kind::Other
+    )
 }

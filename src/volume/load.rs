@@ -4,8 +4,6 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use flate2::read::GzDecoder;
-
 use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
@@ -92,48 +90,19 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     if metaimage::is_header(&start) {
         return metaimage::read_header(path);
     }
-    if start.starts_with(&[0x1f, 0x8b]) {
-        let mut inner = [0; 4];
-        return match GzDecoder::new(&start[..]).read_exact(&mut inner) {
-            Ok(()) if nifti::is_header(&inner) => nifti::read_header(path),
-            Ok(()) => Err(other_format(
-                path,
-                &format!("gzip of data that start {}", quoted(&String::from_utf8_lossy(&inner))),
-            )),
-            Err(cause) => {
-                let found = format!("broken compressed data ({cause})");
-                Err(VolumeError::malformed(
-                    path,
-                    At::Byte(0),
-                    found,
-                    "gzip data that unpack to a NIfTI-1 header",
-                ))
-            }
-        };
-    }
-    if nifti::is_header(&start) {
+    let gzipped = start.starts_with(&[0x1f, 0x8b]);
+    if gzipped || nifti::is_header(&start) {
         return nifti::read_header(path);
     }
     if start.get(128..132) == Some(b"DICM") {
         let instead = "convert it to NIfTI, NRRD or MetaImage";
         return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
     }
-    let shown = String::from_utf8_lossy(&start[..start.len().min(16)]).into_owned();
-    Err(other_format(
-        path,
-        &if start.is_empty() {
-            "an empty file".to_owned()
-        } else {
-            quoted(&shown)
-        },
-    ))
-}
-
-fn other_format(path: &Path, found: &str) -> VolumeError {
-    VolumeError::malformed(
-        path,
-        At::Byte(0),
-        found,
-        "the start of a NIfTI-1, NRRD or MetaImage file",
-    )
+    let found = if start.is_empty() {
+        "an empty file".to_owned()
+    } else {
+        quoted(&String::from_utf8_lossy(&start[..start.len().min(16)]))
+    };
+    let expected = "the start of a NIfTI-1, NRRD or MetaImage file";
+    Err(VolumeError::malformed(path, At::Byte(0), found, expected))
 }

@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use flate2::bufread::GzDecoder;
 use nalgebra::{Matrix3x4, Quaternion, UnitQuaternion, Vector3};
 use nifti::{Endianness, NiftiHeader};
 
-use super::caret;
 use super::element::{ByteOrder, Element, Scale};
-use super::error::{At, VolumeError};
+use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
+use super::{caret, data};
 
 /// Bytes of the header proper (`nifti1.h`: `sizeof_hdr`).
 pub(crate) const HEADER_BYTES: usize = 348;
@@ -40,10 +40,28 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     let mut file = BufReader::new(File::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
     if start.starts_with(&[0x1f, 0x8b]) {
-        parse(path, GzDecoder::new(file), Encoding::Gzip)
+        let mut unpacked = GzDecoder::new(file);
+        parse(path, &mut unpacked, Encoding::Gzip).map_err(|error| blame_gzip(path, unpacked, error))
     } else {
         parse(path, file, Encoding::Raw)
     }
+}
+
+/// What a header says wrongly may be the fault of broken compression, which the checksum at its end then tells.
+fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: VolumeError) -> VolumeError {
+    let broken = match &error {
+        VolumeError::Read { cause, .. } if data::says_broken(cause) => Some(cause.to_string()),
+        _ => io::copy(&mut (&mut unpacked).take(data::MAX_EXCESS), &mut io::sink())
+            .err()
+            .filter(data::says_broken)
+            .map(|cause| cause.to_string()),
+    };
+    let Some(cause) = broken else {
+        return error;
+    };
+    let at = unpacked.get_mut().stream_position().unwrap_or(0);
+    let found = format!("broken compressed data ({cause})");
+    VolumeError::malformed(path, At::Byte(at), found, "gzip data that unpack to a NIfTI-1 file")
 }
 
 /// Parses the header at the start of `reader`, which yields unpacked bytes.
@@ -67,6 +85,18 @@ pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
             expected,
         ));
     }
+    if !is_header(&start) {
+        let found = quoted(&String::from_utf8_lossy(&start[..16]));
+        let expected = "a NIfTI-1 header (of files gzipped as a whole, only NIfTI-1 is read)";
+        return Err(VolumeError::malformed(path, At::Byte(0), found, expected));
+    }
+    let magic = &start[344..HEADER_BYTES];
+    let attached = magic == b"n+1\0";
+    if !attached && magic != b"ni1\0" {
+        let found = format!("magic {:?}", String::from_utf8_lossy(magic).trim_end_matches('\0'));
+        let expected = "\"n+1\" or \"ni1\" (an Analyze 7.5 header has none)";
+        return Err(VolumeError::malformed(path, AT_MAGIC, found, expected));
+    }
     let raw = NiftiHeader::from_reader(&start[..HEADER_BYTES])
         .map_err(|cause| VolumeError::malformed(path, At::Byte(0), cause.to_string(), "a NIfTI-1 header"))?;
     if raw.sizeof_hdr != HEADER_BYTES as i32 {
@@ -74,40 +104,28 @@ pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
         return Err(VolumeError::malformed(path, At::Byte(0), found, "348, as NIfTI-1 has"));
     }
     let mut warnings = Vec::new();
-    let data = match &raw.magic {
-        b"n+1\0" => DataPlace {
-            path: path.to_owned(),
-            start: 0,
-            skip_lines: 0,
-            skip: Skip::Bytes(vox_offset(path, &raw, EXTENSIONS_START as u64)?),
-            encoding,
-        },
-        b"ni1\0" => {
-            let (path, encoding) = image_file(path);
-            let skip = Skip::Bytes(vox_offset(&path, &raw, 0)?);
-            DataPlace {
-                path,
-                start: 0,
-                skip_lines: 0,
-                skip,
-                encoding,
-            }
-        }
-        other => {
-            let found = format!("magic {:?}", String::from_utf8_lossy(other).trim_end_matches('\0'));
-            let expected = "\"n+1\" or \"ni1\" (an Analyze 7.5 header has none)";
-            return Err(VolumeError::malformed(path, AT_MAGIC, found, expected));
-        }
+    let (data_path, encoding, least) = if attached {
+        (path.to_owned(), encoding, EXTENSIONS_START as u64)
+    } else {
+        let (path, encoding) = image_file(path);
+        (path, encoding, 0)
     };
-    let names = match (start.get(HEADER_BYTES), data.skip) {
-        (Some(1..), Skip::Bytes(end)) if data.path == path && end > EXTENSIONS_START as u64 => {
-            let mut extensions = Vec::new();
-            let length = (end - EXTENSIONS_START as u64).min(MAX_EXTENSION_BYTES);
-            take(path, &mut reader, length, &mut extensions)?;
-            label_names(&extensions, raw.endianness, &mut warnings)
-        }
-        _ => BTreeMap::new(),
+    let offset = vox_offset(path, &raw, least)?;
+    let data = DataPlace {
+        path: data_path,
+        start: 0,
+        skip_lines: 0,
+        skip: Skip::Bytes(offset),
+        encoding,
     };
+    let mut names = BTreeMap::new();
+    let extended = start.get(HEADER_BYTES).is_some_and(|&flag| flag != 0);
+    if attached && extended {
+        let length = offset.saturating_sub(EXTENSIONS_START as u64).min(MAX_EXTENSION_BYTES);
+        let mut extensions = Vec::new();
+        take(path, &mut reader, length, &mut extensions)?;
+        names = label_names(&extensions, raw.endianness, &mut warnings);
+    }
     let (axes, origin) = axes(path, &raw, &mut warnings)?;
     let slope_given = raw.scl_slope.is_finite() && raw.scl_slope != 0.0 && raw.scl_inter.is_finite();
     Ok(Header {
@@ -134,13 +152,7 @@ fn take(path: &Path, reader: &mut impl Read, length: u64, out: &mut Vec<u8>) -> 
         .take(length)
         .read_to_end(out)
         .map(drop)
-        .map_err(|cause| match cause.kind() {
-            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidInput | std::io::ErrorKind::InvalidData => {
-                let found = format!("broken compressed data ({cause}) in the header");
-                VolumeError::malformed(path, At::Byte(0), found, "gzip data that unpack to a NIfTI-1 header")
-            }
-            _ => VolumeError::read(path, cause),
-        })
+        .map_err(|cause| VolumeError::read(path, cause))
 }
 
 /// Where the data begin; files that say 0 mean the first byte they can.
@@ -261,7 +273,7 @@ fn spacing(path: &Path, raw: &NiftiHeader, dimensions: usize) -> Result<[f64; 3]
     for (axis, value) in spacing.iter_mut().enumerate().take(dimensions) {
         let found = f64::from(raw.pixdim[axis + 1]);
         let unused = found == 0.0 && raw.dim[axis + 1] == 1;
-        if !unused && !(found > 0.0 && found.is_finite()) {
+        if !(unused || found > 0.0 && found.is_finite()) {
             let text = format!("pixdim {:?}", &raw.pixdim[1..4]);
             return Err(VolumeError::malformed(
                 path,
@@ -321,102 +333,5 @@ fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<Stri
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn sample() -> Vec<u8> {
-        let mut bytes = vec![0u8; EXTENSIONS_START];
-        let mut put = |at: usize, data: &[u8]| bytes[at..at + data.len()].copy_from_slice(data);
-        put(0, &348i32.to_le_bytes());
-        for (n, size) in [3i16, 2, 3, 4].iter().enumerate() {
-            put(40 + 2 * n, &size.to_le_bytes());
-        }
-        put(70, &2i16.to_le_bytes());
-        for (n, size) in [1f32, 1.5, 2.0, 2.5].iter().enumerate() {
-            put(76 + 4 * n, &size.to_le_bytes());
-        }
-        put(344, b"n+1\0");
-        bytes
-    }
-
-    fn read(bytes: &[u8]) -> Result<Header, String> {
-        parse(Path::new("test.nii"), bytes, Encoding::Raw).map_err(|error| error.to_string())
-    }
-
-    fn with(at: usize, data: &[u8]) -> Vec<u8> {
-        let mut bytes = sample();
-        bytes[at..at + data.len()].copy_from_slice(data);
-        bytes
-    }
-
-    #[test]
-    fn voxel_sizes_alone_give_ras_axes_turned_to_lps() {
-        let grid = read(&sample()).unwrap().grid().unwrap();
-        assert_eq!(grid.size, [2, 3, 4]);
-        assert_eq!(grid.index_to_world.diagonal().as_slice(), [-1.5, -2.0, 2.5, 1.0]);
-    }
-
-    #[test]
-    fn qform_turns_and_mirrors() {
-        let mut bytes = with(252, &1i16.to_le_bytes());
-        // Half a turn about z: the quaternion (0, 0, 0, 1); qfac -1 mirrors the third axis.
-        bytes[264..268].copy_from_slice(&1f32.to_le_bytes());
-        bytes[268..272].copy_from_slice(&10f32.to_le_bytes());
-        bytes[76..80].copy_from_slice(&(-1f32).to_le_bytes());
-        let world = read(&bytes).unwrap().grid().unwrap().index_to_world;
-        assert!(
-            (world.diagonal() - nalgebra::Vector4::new(1.5, 2.0, -2.5, 1.0)).norm() < 1e-12,
-            "{world}"
-        );
-        assert_eq!(world[(0, 3)], -10.0);
-    }
-
-    #[test]
-    fn broken_fields_name_their_byte() {
-        for (bytes, expected) in [
-            (
-                with(80, &(-1f32).to_le_bytes()),
-                "byte 76: found pixdim [-1.0, 2.0, 2.5]",
-            ),
-            (with(80, &0f32.to_le_bytes()), "byte 76: found pixdim"),
-            (with(80, &f32::NAN.to_le_bytes()), "byte 76: found pixdim [NaN"),
-            (with(42, &(-2i16).to_le_bytes()), "byte 40: found dim [3, -2, 3, 4"),
-            (with(42, &0i16.to_le_bytes()), "byte 40: found dim [3, 0, 3, 4"),
-            (with(40, &0i16.to_le_bytes()), "byte 40: found dim [0,"),
-            (with(70, &128i16.to_le_bytes()), "byte 70: datatype 128 (RGB colours)"),
-            (with(108, &100f32.to_le_bytes()), "byte 108: found vox_offset 100"),
-            (with(108, &f32::NAN.to_le_bytes()), "byte 108: found vox_offset NaN"),
-            (with(344, b"xxxx"), "byte 344: found magic \"xxxx\""),
-            (with(0, &540i32.to_le_bytes()), "byte 0: NIfTI-2 is not supported"),
-            (
-                sample()[..200].to_vec(),
-                "byte 200: found the end of the file after 200 bytes",
-            ),
-        ] {
-            let message = read(&bytes).map(|_| "loaded").unwrap_err();
-            assert!(message.contains(expected), "{message} should hold {expected}");
-        }
-    }
-
-    #[test]
-    fn slope_of_nan_or_zero_means_none() {
-        assert_eq!(read(&with(112, &f32::NAN.to_le_bytes())).unwrap().scale, None);
-        assert_eq!(read(&with(112, &0f32.to_le_bytes())).unwrap().scale, None);
-        assert_eq!(read(&with(112, &1f32.to_le_bytes())).unwrap().scale, None);
-        let scale = read(&with(112, &2f32.to_le_bytes())).unwrap().scale.unwrap();
-        assert_eq!(scale.apply(3.0), 6.0);
-    }
-
-    #[test]
-    fn big_endian_headers_are_read() {
-        let mut bytes = sample();
-        let mut swap = |at: usize, length: usize| bytes[at..at + length].reverse();
-        swap(0, 4);
-        (0..4).for_each(|n| swap(40 + 2 * n, 2));
-        swap(70, 2);
-        (0..4).for_each(|n| swap(76 + 4 * n, 4));
-        let header = read(&bytes).unwrap();
-        assert_eq!(header.order, ByteOrder::Big);
-        assert_eq!(header.sizes(), "2 x 3 x 4");
-    }
-}
+#[path = "nifti_tests.rs"]
+mod tests;

@@ -1,0 +1,355 @@
+//! Image sequences with a pose a frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8, orientation MF.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+use nalgebra::Matrix4;
+
+use super::atomic::{self, WriteError};
+
+/// What goes with an image.
+#[derive(Clone, Debug, Default)]
+pub struct FrameInfo<'a> {
+    /// Seconds.
+    pub timestamp: f64,
+    /// Name such as `ProbeToTracker`, matrix that takes the first coordinates to the second (mm), and whether it is
+    /// valid. A matrix that is not finite is written as the identity and marked invalid.
+    pub transforms: &'a [(&'a str, Matrix4<f64>, bool)],
+    /// Whether the image shows anything.
+    pub image_valid: bool,
+}
+
+/// Why a sequence cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum SequenceError {
+    /// The system refused.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A name that ends in neither `.mha` nor `.nrrd`.
+    #[error("{}: found the ending {found:?}, expected .mha or .nrrd", path.display())]
+    Ending {
+        /// The file asked for.
+        path: PathBuf,
+        /// Its ending.
+        found: String,
+    },
+    /// A frame of another size, or a sequence without pixels.
+    #[error("{}: found {found} pixels in frame {frame}, expected {width} x {height} and at least one", path.display())]
+    Size {
+        /// The file asked for.
+        path: PathBuf,
+        /// The frame, from 0.
+        frame: usize,
+        /// Pixels given.
+        found: usize,
+        /// Columns of the sequence.
+        width: usize,
+        /// Rows of the sequence.
+        height: usize,
+    },
+    /// A transform name that is not of the form `FromToTo`.
+    #[error("{}: found the transform name {name:?}, expected letters and digits as in \"ProbeToTracker\"", path.display())]
+    Name {
+        /// The file asked for.
+        path: PathBuf,
+        /// The name.
+        name: String,
+    },
+    /// No frame was pushed.
+    #[error("{}: found no frames, expected at least one", path.display())]
+    Empty {
+        /// The file asked for.
+        path: PathBuf,
+    },
+}
+
+impl SequenceError {
+    /// Whether the machine failed, rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Write(_))
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    MetaImage,
+    Nrrd,
+}
+
+enum Packer {
+    Zlib(ZlibEncoder<BufWriter<File>>),
+    Gzip(GzEncoder<BufWriter<File>>),
+}
+
+/// Writes a sequence frame by frame. The pixels go packed to a temporary file, so memory does not grow with them; the
+/// sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is dropped before.
+pub struct SequenceWriter {
+    path: PathBuf,
+    format: Format,
+    width: usize,
+    height: usize,
+    frames: usize,
+    keys: String,
+    packer: Packer,
+}
+
+impl SequenceWriter {
+    /// Starts a sequence of images of `width` columns and `height` rows.
+    ///
+    /// # Errors
+    /// [`SequenceError::Ending`], [`SequenceError::Size`] for images without pixels, [`SequenceError::Write`].
+    pub fn create(path: &Path, width: usize, height: usize) -> Result<Self, SequenceError> {
+        let ending = path
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        let format = match ending.as_deref() {
+            Some("mha") => Format::MetaImage,
+            Some("nrrd") => Format::Nrrd,
+            other => {
+                return Err(SequenceError::Ending {
+                    path: path.to_owned(),
+                    found: other.unwrap_or_default().to_owned(),
+                });
+            }
+        };
+        if width == 0 || height == 0 {
+            return Err(SequenceError::Size {
+                path: path.to_owned(),
+                frame: 0,
+                found: 0,
+                width,
+                height,
+            });
+        }
+        // Beside the target, so that a full or forbidden folder shows at once; nameless from here on.
+        let beside = atomic::create_beside(path)?;
+        let file = beside.reopen().map_err(|cause| WriteError::new(path, cause))?;
+        let file = BufWriter::new(file);
+        let packer = match format {
+            Format::MetaImage => Packer::Zlib(ZlibEncoder::new(file, Compression::default())),
+            Format::Nrrd => Packer::Gzip(GzEncoder::new(file, Compression::default())),
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            format,
+            width,
+            height,
+            frames: 0,
+            keys: String::new(),
+            packer,
+        })
+    }
+
+    /// Adds a frame: pixels row by row from the near unmarked corner.
+    ///
+    /// # Errors
+    /// [`SequenceError::Size`], [`SequenceError::Name`], [`SequenceError::Write`].
+    pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), SequenceError> {
+        if self.width.checked_mul(self.height) != Some(pixels.len()) {
+            return Err(SequenceError::Size {
+                path: self.path.clone(),
+                frame: self.frames,
+                found: pixels.len(),
+                width: self.width,
+                height: self.height,
+            });
+        }
+        for (name, _, _) in info.transforms {
+            let named = name
+                .split_once("To")
+                .is_some_and(|(from, to)| !from.is_empty() && !to.is_empty());
+            if !named || !name.chars().all(|c| c.is_ascii_alphanumeric()) {
+                return Err(SequenceError::Name {
+                    path: self.path.clone(),
+                    name: (*name).to_owned(),
+                });
+            }
+        }
+        match &mut self.packer {
+            Packer::Zlib(packer) => packer.write_all(pixels),
+            Packer::Gzip(packer) => packer.write_all(pixels),
+        }
+        .map_err(|cause| WriteError::new(&self.path, cause))?;
+        self.push_keys(info);
+        self.frames += 1;
+        Ok(())
+    }
+
+    fn key(&mut self, name: &str, value: &str) {
+        let is = self.assignment();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.keys, "Seq_Frame{:04}_{name}{is}{value}", self.frames);
+    }
+
+    fn assignment(&self) -> &'static str {
+        match self.format {
+            Format::MetaImage => " = ",
+            Format::Nrrd => ":=",
+        }
+    }
+
+    fn push_keys(&mut self, info: &FrameInfo) {
+        let status = |ok: bool| if ok { "OK" } else { "INVALID" };
+        for &(name, matrix, valid) in info.transforms {
+            let finite = matrix.iter().all(|number| number.is_finite());
+            let matrix = if finite { matrix } else { Matrix4::identity() };
+            let numbers: Vec<String> = matrix.transpose().iter().map(f64::to_string).collect();
+            self.key(&format!("{name}Transform"), &numbers.join(" "));
+            self.key(&format!("{name}TransformStatus"), status(valid && finite));
+        }
+        self.key("Timestamp", &info.timestamp.to_string());
+        // PLUS's own NRRD sequences shorten this key.
+        let image_status = match self.format {
+            Format::MetaImage => "ImageStatus",
+            Format::Nrrd => "Status",
+        };
+        self.key(image_status, status(info.image_valid));
+    }
+
+    /// Writes the header and gives the file its name.
+    ///
+    /// # Errors
+    /// [`SequenceError::Empty`] without frames, [`SequenceError::Write`].
+    pub fn finish(self) -> Result<(), SequenceError> {
+        if self.frames == 0 {
+            return Err(SequenceError::Empty { path: self.path });
+        }
+        let (head, tail) = match self.format {
+            Format::MetaImage => self.metaimage_header(),
+            Format::Nrrd => self.nrrd_header(),
+        };
+        let path = self.path;
+        let packed = match self.packer {
+            Packer::Zlib(packer) => packer.finish(),
+            Packer::Gzip(packer) => packer.finish(),
+        };
+        let fail = |cause| WriteError::new(&path, cause);
+        let mut packed = packed
+            .and_then(|buffer| buffer.into_inner().map_err(io::IntoInnerError::into_error))
+            .map_err(fail)?;
+        let length = packed.stream_position().map_err(fail)?;
+        packed.seek(SeekFrom::Start(0)).map_err(fail)?;
+        atomic::write(&path, |file| {
+            file.write_all(head.as_bytes())?;
+            if self.format == Format::MetaImage {
+                writeln!(file, "CompressedDataSize = {length}")?;
+            }
+            file.write_all(self.keys.as_bytes())?;
+            file.write_all(tail.as_bytes())?;
+            io::copy(&mut packed, file).map(drop)
+        })?;
+        Ok(())
+    }
+
+    fn metaimage_header(&self) -> (String, &'static str) {
+        let head = format!(
+            "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
+             BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = True\n\
+             DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n\
+             Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
+             UltrasoundImageOrientation = MF\nUltrasoundImageType = BRIGHTNESS\n",
+            self.width, self.height, self.frames
+        );
+        (head, "ElementDataFile = LOCAL\n")
+    }
+
+    fn nrrd_header(&self) -> (String, &'static str) {
+        let head = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
+             space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: gzip\n\
+             space origin: (0,0)\nultrasound image orientation:=MF\nultrasound image type:=BRIGHTNESS\n",
+            self.width, self.height, self.frames
+        );
+        (head, "\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracking::sequence::Sequence;
+
+    #[test]
+    fn sequences_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.igs.mha", "a.igs.nrrd"] {
+            let path = folder.path().join(name);
+            let mut writer = SequenceWriter::create(&path, 3, 2).unwrap();
+            let pose = Matrix4::from_fn(|r, c| {
+                if r == 3 {
+                    f64::from(u8::from(c == 3))
+                } else {
+                    0.1 * (r * 4 + c) as f64
+                }
+            });
+            let broken = Matrix4::repeat(f64::NAN);
+            for frame in 0..4u8 {
+                let transforms = [("ProbeToTracker", pose, frame != 2), ("NeedleToTracker", broken, true)];
+                let info = FrameInfo {
+                    timestamp: f64::from(frame) * 0.1,
+                    transforms: &transforms,
+                    image_valid: frame != 3,
+                };
+                writer.push(&[frame, 1, 2, 3, 4, 5], &info).unwrap();
+            }
+            writer.finish().unwrap();
+            let read = Sequence::read(&path).unwrap();
+            assert_eq!(read.warnings, [""; 0], "{name}");
+            assert_eq!((read.image_size, read.frames.len()), (Some([3, 2]), 4));
+            assert_eq!(read.image_type.as_deref(), Some("BRIGHTNESS"));
+            assert_eq!(read.frames[1].timestamp, Some(0.1));
+            assert_eq!(read.frames[1].transforms["ProbeToTracker"].matrix, pose);
+            let valid: Vec<bool> = read
+                .frames
+                .iter()
+                .map(|f| f.transforms["ProbeToTracker"].valid)
+                .collect();
+            assert_eq!(valid, [true, true, false, true]);
+            assert!(!read.frames[0].transforms["NeedleToTracker"].valid);
+            assert_eq!(read.image(1).unwrap().pixels, [1, 1, 2, 3, 4, 5]);
+            assert_eq!(read.image(3), None);
+            let length = std::fs::metadata(&path).unwrap().len();
+            assert!(length < 4000, "{length}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn half_written_sequences_leave_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mha");
+        let mut writer = SequenceWriter::create(&path, 2, 2).unwrap();
+        let info = FrameInfo::default();
+        assert!(matches!(
+            writer.push(&[0; 3], &info),
+            Err(SequenceError::Size { found: 3, .. })
+        ));
+        writer.push(&[0; 4], &info).unwrap();
+        drop(writer);
+        let empty = SequenceWriter::create(&path, 2, 2).unwrap().finish().unwrap_err();
+        assert!(matches!(empty, SequenceError::Empty { .. }) && !empty.is_machine());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn wrong_names_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(matches!(
+            SequenceWriter::create(&folder.path().join("a.avi"), 1, 1),
+            Err(SequenceError::Ending { .. })
+        ));
+        let away = SequenceWriter::create(&folder.path().join("no/a.mha"), 1, 1);
+        assert!(away.is_err_and(|error| error.is_machine()));
+        let mut writer = SequenceWriter::create(&folder.path().join("a.mha"), 1, 1).unwrap();
+        let transforms = [("Probe = x\nTo", Matrix4::identity(), true)];
+        let info = FrameInfo {
+            transforms: &transforms,
+            ..FrameInfo::default()
+        };
+        assert!(matches!(writer.push(&[0], &info), Err(SequenceError::Name { .. })));
+    }
+}

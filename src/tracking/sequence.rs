@@ -1,0 +1,330 @@
+//! Tracked ultrasound sequences as PLUS writes them: `.igs.mha`, `.igs.mhd` with `.raw`, `.igs.nrrd`. One image and a set
+//! of named transforms a frame, under keys such as `Seq_Frame0007_ProbeToTrackerTransform`
+//! (Lasso et al. 2014, "PLUS: open-source toolkit for ultrasound-guided intervention systems", and IGSIO's sequence
+//! files).
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+
+use nalgebra::Matrix4;
+
+use crate::volume::header::Header;
+use crate::volume::{VolumeError, read_data, read_header};
+
+mod keys;
+mod orientation;
+
+pub use orientation::Orientation;
+
+/// A transform of one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackedTransform {
+    /// Maps homogeneous coordinates of the first frame of the name to the second: `ProbeToTracker` takes probe
+    /// coordinates to tracker coordinates. Lengths in mm.
+    pub matrix: Matrix4<f64>,
+    /// False where the tracker said so, or where the matrix is not finite or not affine.
+    pub valid: bool,
+}
+
+/// What a sequence says about one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SequenceFrame {
+    /// Position in the sequence, from 0; for [`Sequence::read`] also that of its image.
+    pub index: usize,
+    /// Seconds.
+    pub timestamp: Option<f64>,
+    /// Transforms by name, such as `ProbeToTracker`.
+    pub transforms: BTreeMap<String, TrackedTransform>,
+    /// Whether the image is one: false where the file marks it invalid or holds none.
+    pub image_valid: bool,
+}
+
+/// A grey image in orientation MF: columns run towards the marked side, rows away from the transducer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GreyImage {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row from the near unmarked corner, 0 black to 255 white.
+    pub pixels: Vec<u8>,
+}
+
+/// A tracked sequence.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    /// Frames in order; images that no key names are there without transforms.
+    pub frames: Vec<SequenceFrame>,
+    /// Columns and rows of the images in orientation MF; none where no images were read.
+    pub image_size: Option<[usize; 2]>,
+    /// How the file stores its images; none where it does not say.
+    pub orientation: Option<Orientation>,
+    /// What the images show in PLUS's terms, such as `BRIGHTNESS` or `RF_REAL`; none where the file does not say.
+    pub image_type: Option<String>,
+    /// Numbers of frames that have an image and no keys.
+    pub missing: Vec<usize>,
+    /// Keys of frames that are of no known kind and were ignored.
+    pub stray_keys: usize,
+    /// One sentence each: assumptions made and oddities found.
+    pub warnings: Vec<String>,
+    pixels: Vec<u8>,
+    stored_size: [usize; 2],
+}
+
+impl Sequence {
+    /// Reads a sequence with its images: one frame for each image, and for each frame that is named without one.
+    ///
+    /// # Errors
+    /// [`VolumeError`] with the file, the place in it, what was found and what was expected.
+    pub fn read(path: &Path) -> Result<Self, VolumeError> {
+        let mut header = read_header(path)?;
+        let [width, height, images] = stored_size(&header)?;
+        if header.element.is_none() || width == 0 || height == 0 {
+            return Self::assemble(header, None);
+        }
+        // The data come first: only images that are there make frames.
+        let pixels = read_data(&mut header)?;
+        let mut sequence = Self::assemble(header, Some(images))?;
+        if pixels.len() == width * height * images {
+            sequence.pixels = pixels;
+        } else {
+            let warning = "the images are not of one byte a pixel, as grey images are: they are not read";
+            sequence.warnings.push(warning.to_owned());
+        }
+        Ok(sequence)
+    }
+
+    /// Reads the poses without the images: one frame for each that carries keys.
+    ///
+    /// # Errors
+    /// As [`Sequence::read`].
+    pub fn read_poses(path: &Path) -> Result<Self, VolumeError> {
+        Self::assemble(read_header(path)?, None)
+    }
+
+    /// Puts frames together; `images` is how many were found in the data.
+    fn assemble(mut header: Header, images: Option<usize>) -> Result<Self, VolumeError> {
+        let [width, height, _] = stored_size(&header)?;
+        let keys = keys::parse(&header.key_values);
+        let mut warnings = std::mem::take(&mut header.warnings);
+        warnings.extend(keys.warnings);
+        let count = images.unwrap_or(0);
+        let last = keys.frames.keys().next_back().copied();
+        let fits = last.is_none_or(|last| last < count);
+        if images.is_some() && !fits {
+            let named = keys.frames.len();
+            warnings.push(format!(
+                "{named} frames are named, up to number {last:?}, for {count} images: taken in order"
+            ));
+        }
+        let mut named: BTreeMap<usize, keys::Frame> = if fits {
+            keys.frames
+        } else {
+            keys.frames.into_values().enumerate().collect()
+        };
+        let mut missing = Vec::new();
+        let frames: Vec<SequenceFrame> = (0..count.max(named.len()))
+            .map(|index| {
+                let frame = named.remove(&index).unwrap_or_else(|| {
+                    missing.push(index);
+                    keys::Frame::default()
+                });
+                SequenceFrame {
+                    index,
+                    timestamp: frame.timestamp,
+                    image_valid: index < count && frame.image_valid.unwrap_or(true),
+                    transforms: frame.transforms,
+                }
+            })
+            .collect();
+        if missing.len() < frames.len() && !missing.is_empty() {
+            warnings.push(format!("{} of {} frames have no keys", missing.len(), frames.len()));
+        }
+        let orientation = keys.orientation.as_deref().and_then(Orientation::parse);
+        if images.is_some() && orientation.is_none() {
+            let found = keys.orientation.as_deref().unwrap_or("nothing");
+            warnings.push(format!(
+                "the orientation of the images is given as {found:?}: taken as MF"
+            ));
+        }
+        Ok(Self {
+            frames,
+            image_size: images.map(|_| orientation.unwrap_or_default().turned([width, height])),
+            orientation,
+            image_type: keys.image_type,
+            missing,
+            stray_keys: keys.strays,
+            warnings,
+            pixels: Vec::new(),
+            stored_size: [width, height],
+        })
+    }
+
+    /// The image of a frame, turned to orientation MF; none where the frame is marked invalid or was read without one.
+    pub fn image(&self, frame: usize) -> Option<GreyImage> {
+        let [width, height] = self.image_size?;
+        let known = self.frames.get(frame)?;
+        let length = width * height;
+        let stored = self
+            .pixels
+            .chunks_exact(length)
+            .nth(frame)
+            .filter(|_| known.image_valid)?;
+        Some(GreyImage {
+            width,
+            height,
+            pixels: self.orientation.unwrap_or_default().to_mf(stored, self.stored_size),
+        })
+    }
+
+    /// The transform of a frame that takes `from` coordinates to `to` coordinates, chained from its valid transforms and
+    /// their inverses along the fewest steps; none where they do not connect the two.
+    pub fn transform(&self, frame: usize, from: &str, to: &str) -> Option<Matrix4<f64>> {
+        chain(&self.frames.get(frame)?.transforms, from, to)
+    }
+}
+
+/// Columns, rows and images of a file.
+fn stored_size(header: &Header) -> Result<[usize; 3], VolumeError> {
+    let sizes: Vec<usize> = header.axes.iter().map(|axis| axis.size).collect();
+    match sizes[..] {
+        [width, height] => Ok([width, height, 1]),
+        [width, height, images] | [width, height, images, 1] => Ok([width, height, images]),
+        _ => Err(header.unsupported(
+            format!("a sequence of sizes {}", header.sizes()),
+            "frames have two dimensions",
+        )),
+    }
+}
+
+/// Chains named transforms from one coordinate system to another; see [`Sequence::transform`].
+pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &str) -> Option<Matrix4<f64>> {
+    let mut edges: Vec<(&str, &str, Matrix4<f64>)> = Vec::new();
+    for (name, transform) in transforms.iter().filter(|(_, transform)| transform.valid) {
+        let (source, target) = keys::ends(name)?;
+        edges.push((source, target, transform.matrix));
+        if let Some(inverse) = transform.matrix.try_inverse() {
+            edges.push((target, source, inverse));
+        }
+    }
+    let mut reached = BTreeMap::from([(from, Matrix4::identity())]);
+    let mut queue = VecDeque::from([from]);
+    while let Some(system) = queue.pop_front() {
+        let here = reached.get(system).copied()?;
+        if system == to {
+            return Some(here);
+        }
+        for &(source, target, matrix) in &edges {
+            if source == system && !reached.contains_key(target) {
+                reached.insert(target, matrix * here);
+                queue.push_back(target);
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shift(x: f64, valid: bool) -> TrackedTransform {
+        TrackedTransform {
+            matrix: Matrix4::new_translation(&nalgebra::Vector3::new(x, 0.0, 0.0)),
+            valid,
+        }
+    }
+
+    #[test]
+    fn transforms_chain_through_inverses() {
+        let transforms = BTreeMap::from([
+            ("ImageToProbe".to_owned(), shift(100.0, true)),
+            ("ProbeToTracker".to_owned(), shift(10.0, true)),
+            ("ReferenceToTracker".to_owned(), shift(3.0, true)),
+            ("StylusToTracker".to_owned(), shift(1.0, false)),
+        ]);
+        let x = |from: &str, to: &str| chain(&transforms, from, to).map(|matrix| matrix[(0, 3)]);
+        assert_eq!(x("Probe", "Reference"), Some(7.0));
+        assert_eq!(x("Reference", "Image"), Some(-107.0));
+        assert_eq!(x("Probe", "Probe"), Some(0.0));
+        assert_eq!(x("Stylus", "Tracker"), None);
+        assert_eq!(x("Probe", "Nowhere"), None);
+        assert_eq!(chain(&BTreeMap::new(), "A", "B"), None);
+        let turn = TrackedTransform {
+            matrix: Matrix4::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2),
+            valid: true,
+        };
+        // First moved along x, then turned about z: the shift ends up along y.
+        let ordered = BTreeMap::from([("AToB".to_owned(), shift(5.0, true)), ("BToC".to_owned(), turn)]);
+        let matrix = chain(&ordered, "A", "C").unwrap();
+        assert!(
+            (matrix[(1, 3)] - 5.0).abs() < 1e-12 && matrix[(0, 3)].abs() < 1e-12,
+            "{matrix}"
+        );
+    }
+
+    fn write(text: &str, data: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.igs.mha");
+        let mut bytes = text.as_bytes().to_vec();
+        bytes.extend_from_slice(data);
+        std::fs::write(&path, bytes).unwrap();
+        (folder, path)
+    }
+
+    fn header(sizes: &str, more: &str) -> String {
+        format!(
+            "NDims = 3\nDimSize = {sizes}\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n{more}\nElementDataFile = LOCAL\n"
+        )
+    }
+
+    #[test]
+    fn gaps_invalid_frames_and_strays_are_told() {
+        let keys = "UltrasoundImageOrientation = MFA\nUltrasoundImageType = BRIGHTNESS\n\
+            Seq_Frame0000_AToBTransform = 1 0 0 1e-005 0 1 0 0 0 0 1 0 0 0 0 1\n\
+            Seq_Frame0000_AToBTransformStatus = OK\n\
+            Seq_Frame0000_Timestamp = 1.5\nSeq_Frame0000_Stylus = what\n\
+            Seq_Frame0002_AToBTransform = 1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1\n\
+            Seq_Frame0002_ImageStatus = INVALID";
+        let (_folder, path) = write(&header("2 1 3", keys), &[1, 2, 3, 4, 5, 6]);
+        let sequence = Sequence::read(&path).unwrap();
+        assert_eq!(sequence.frames.len(), 3);
+        assert_eq!(sequence.missing, [1]);
+        assert_eq!(sequence.stray_keys, 1);
+        assert_eq!(sequence.frames[0].timestamp, Some(1.5));
+        assert_eq!(sequence.transform(0, "A", "B").unwrap()[(0, 3)], 1e-5);
+        assert!(!sequence.frames[2].transforms["AToB"].valid);
+        assert_eq!(sequence.transform(2, "A", "B"), None);
+        assert_eq!(sequence.image(1).unwrap().pixels, [3, 4]);
+        assert_eq!(sequence.image(2), None);
+        assert_eq!(sequence.image(3), None);
+        assert_eq!(Sequence::read_poses(&path).unwrap().image(0), None);
+    }
+
+    #[test]
+    fn numbers_past_the_images_give_the_order() {
+        let keys = "Seq_Frame0010_Timestamp = 1\nSeq_Frame0020_Timestamp = 2";
+        let (_folder, path) = write(&header("1 1 2", keys), &[7, 8]);
+        let sequence = Sequence::read(&path).unwrap();
+        let times: Vec<_> = sequence.frames.iter().map(|frame| frame.timestamp).collect();
+        assert_eq!(times, [Some(1.0), Some(2.0)]);
+        assert!(
+            sequence
+                .warnings
+                .iter()
+                .any(|warning| warning.contains("taken in order"))
+        );
+    }
+
+    #[test]
+    fn a_header_alone_asks_for_no_memory() {
+        let (_folder, path) = write(&header("0 0 99999999999999", "Seq_Frame0000_Timestamp = 1"), &[]);
+        assert_eq!(Sequence::read(&path).unwrap().frames.len(), 1);
+        let (_folder, path) = write(&header("1 1 99999999999999", ""), &[]);
+        let message = Sequence::read(&path).unwrap_err().to_string();
+        assert!(message.contains("at most 16 GiB"), "{message}");
+        let (_folder, path) = write(&header("1 1 9999999999", ""), &[0; 10]);
+        let message = Sequence::read(&path).unwrap_err().to_string();
+        assert!(message.contains("the end of the data after 10 bytes"), "{message}");
+    }
+}

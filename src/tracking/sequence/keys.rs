@@ -1,0 +1,164 @@
+//! The keys of a PLUS sequence.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Matrix4;
+
+use super::TrackedTransform;
+
+/// What the keys say about one frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Frame {
+    pub(super) timestamp: Option<f64>,
+    pub(super) image_valid: Option<bool>,
+    pub(super) transforms: BTreeMap<String, TrackedTransform>,
+}
+
+/// What the keys of a file say.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Keys {
+    pub(super) frames: BTreeMap<usize, Frame>,
+    pub(super) orientation: Option<String>,
+    pub(super) image_type: Option<String>,
+    pub(super) strays: usize,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Parses the keys of a header, in any order.
+pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
+    let mut keys = Keys::default();
+    let mut statuses: Vec<(usize, &str, bool)> = Vec::new();
+    let mut unreadable = 0;
+    for (key, value) in key_values {
+        let value = value.trim();
+        match key.to_ascii_lowercase().replace(' ', "").as_str() {
+            "ultrasoundimageorientation" => keys.orientation = Some(value.to_owned()),
+            "ultrasoundimagetype" => keys.image_type = Some(value.to_owned()),
+            _ => {}
+        }
+        let Some((number, what)) = key.strip_prefix("Seq_Frame").and_then(|rest| rest.split_once('_')) else {
+            continue;
+        };
+        let Ok(number) = number.parse::<usize>() else {
+            keys.strays += 1;
+            continue;
+        };
+        let frame = keys.frames.entry(number).or_default();
+        let ok = value.eq_ignore_ascii_case("ok");
+        match what {
+            "Timestamp" => match value.parse::<f64>() {
+                Ok(seconds) if seconds.is_finite() => frame.timestamp = Some(seconds),
+                _ => unreadable += 1,
+            },
+            // NRRD sequences of PLUS shorten the key.
+            "ImageStatus" | "Status" => frame.image_valid = Some(ok),
+            "UnfilteredTimestamp" | "FrameNumber" => {}
+            other => {
+                if let Some(name) = other
+                    .strip_suffix("TransformStatus")
+                    .filter(|name| ends(name).is_some())
+                {
+                    statuses.push((number, name, ok));
+                } else if let Some(name) = other.strip_suffix("Transform").filter(|name| ends(name).is_some()) {
+                    let matrix = matrix(value);
+                    unreadable += usize::from(matrix.is_none());
+                    let transform = TrackedTransform {
+                        matrix: matrix.unwrap_or_else(Matrix4::identity),
+                        valid: matrix.as_ref().is_some_and(is_affine),
+                    };
+                    frame.transforms.insert(name.to_owned(), transform);
+                } else {
+                    keys.strays += 1;
+                }
+            }
+        }
+    }
+    for (number, name, ok) in statuses {
+        let known = keys
+            .frames
+            .get_mut(&number)
+            .and_then(|frame| frame.transforms.get_mut(name));
+        if let Some(transform) = known {
+            transform.valid &= ok;
+        }
+    }
+    if unreadable > 0 {
+        keys.warnings.push(format!(
+            "{unreadable} transforms or timestamps cannot be read as numbers: ignored"
+        ));
+    }
+    if keys.strays > 0 {
+        keys.warnings
+            .push(format!("{} keys of frames are of no known kind: ignored", keys.strays));
+    }
+    keys
+}
+
+/// Sixteen numbers, row by row.
+fn matrix(text: &str) -> Option<Matrix4<f64>> {
+    let numbers: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
+    (numbers.len() == 16).then(|| Matrix4::from_row_slice(&numbers))
+}
+
+fn is_affine(matrix: &Matrix4<f64>) -> bool {
+    matrix.iter().all(|number| number.is_finite()) && (0..4).all(|n| matrix[(3, n)] == f64::from(u8::from(n == 3)))
+}
+
+/// The two coordinate systems that a name such as `ProbeToTracker` connects.
+pub(super) fn ends(name: &str) -> Option<(&str, &str)> {
+    name.match_indices("To").find_map(|(at, _)| {
+        let (from, to) = (&name[..at], &name[at + 2..]);
+        (!from.is_empty() && to.starts_with(char::is_uppercase)).then_some((from, to))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_split_at_their_to() {
+        assert_eq!(ends("ProbeToTracker"), Some(("Probe", "Tracker")));
+        assert_eq!(ends("ToolTipToTool"), Some(("ToolTip", "Tool")));
+        assert_eq!(ends("StylusToTorso"), Some(("Stylus", "Torso")));
+        assert_eq!(ends("Stylus"), None);
+        assert_eq!(ends("Tool"), None);
+        assert_eq!(ends("AutoTo"), None);
+    }
+
+    fn parsed(pairs: &[(&str, &str)]) -> Keys {
+        parse(
+            &pairs
+                .iter()
+                .map(|(key, value)| ((*key).to_owned(), (*value).to_owned()))
+                .collect::<Vec<_>>(),
+        )
+    }
+
+    const IDENTITY: &str = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+
+    #[test]
+    fn a_status_counts_wherever_it_stands() {
+        for order in [[0, 1], [1, 0]] {
+            let pairs = [
+                ("Seq_Frame0000_AToBTransform", IDENTITY),
+                ("Seq_Frame0000_AToBTransformStatus", "INVALID"),
+            ];
+            let keys = parsed(&order.map(|n| pairs[n]));
+            assert!(!keys.frames[&0].transforms["AToB"].valid);
+        }
+        let keys = parsed(&[("Seq_Frame0000_AToBTransform", IDENTITY)]);
+        assert!(keys.frames[&0].transforms["AToB"].valid);
+    }
+
+    #[test]
+    fn broken_transforms_are_invalid_and_counted() {
+        for broken in ["1 2 3", "a b c", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1", ""] {
+            let keys = parsed(&[("Seq_Frame0000_AToBTransform", broken)]);
+            assert!(!keys.frames[&0].transforms["AToB"].valid, "{broken:?}");
+        }
+        let keys = parsed(&[("Seq_Frame0000_AToBTransform", "1 2 3"), ("Seq_Framex_Y", "1")]);
+        assert_eq!(keys.strays, 1);
+        assert_eq!(keys.warnings.len(), 2);
+    }
+}

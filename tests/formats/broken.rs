@@ -1,0 +1,340 @@
+//! Broken files: random, cut short, with flipped bits, with headers that promise too much.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use insonify::tracking::sequence::Sequence;
+use insonify::volume::{self, Label, LabelVolume};
+use nalgebra::Matrix4;
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+/// Counts what is allocated at once, to catch parsers that believe a header.
+struct Watched;
+
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes unchanged to the system allocator.
+unsafe impl std::alloc::GlobalAlloc for Watched {
+    unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        unsafe { std::alloc::System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: std::alloc::Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        unsafe { std::alloc::System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: std::alloc::Layout, size: usize) -> *mut u8 {
+        LARGEST.fetch_max(size, Ordering::Relaxed);
+        unsafe { std::alloc::System.realloc(pointer, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: std::alloc::Layout) {
+        unsafe { std::alloc::System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Watched = Watched;
+
+/// The largest real file here unpacks to 49 MB, in a buffer that may double.
+const MOST_AT_ONCE: usize = 256 << 20;
+
+fn small() -> LabelVolume {
+    let voxels: Vec<u8> = (0..60).map(|n| (n % 5 % 3) as u8).collect();
+    let labels = (0..3u8)
+        .map(|index| Label {
+            value: i64::from(index) * 300,
+            name: (index > 0).then(|| format!("part {index}")),
+            voxels: voxels.iter().filter(|&&voxel| voxel == index).count() as u64,
+        })
+        .collect();
+    LabelVolume::new([3, 4, 5], voxels, labels, Matrix4::identity()).unwrap()
+}
+
+/// One small sound file of each format, with its bytes.
+fn sound(folder: &TempDir) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut files: Vec<(PathBuf, Vec<u8>)> = ["a.nii", "a.nii.gz", "a.nrrd", "a.seg.nrrd", "a.mha"]
+        .iter()
+        .map(|name| {
+            let path = folder.path().join(name);
+            volume::save(&small(), &path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            (path, bytes)
+        })
+        .collect();
+    let texts = [
+        (
+            "text.nrrd",
+            "NRRD0004\ntype: short\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\nencoding: ascii\n\n1 2 3 4 5 6 7 8\n",
+        ),
+        (
+            "raw.mha",
+            "NDims = 3\nDimSize = 2 2 2\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n12345678",
+        ),
+    ];
+    for (name, text) in texts {
+        files.push((folder.path().join(name), text.as_bytes().to_vec()));
+    }
+    files
+}
+
+/// Tries every reader; all that counts is that each returns.
+fn try_all(path: &Path, bytes: &[u8]) -> bool {
+    std::fs::File::create(path).unwrap().write_all(bytes).unwrap();
+    let loaded = volume::load(path);
+    if let Err(error) = &loaded {
+        assert!(!error.is_machine(), "{error}");
+        assert!(error.to_string().len() < 2000, "{error}");
+    }
+    let _ = volume::load_scalar(path);
+    let _ = Sequence::read(path);
+    let _ = Sequence::read_poses(path);
+    let largest = LARGEST.load(Ordering::Relaxed);
+    assert!(largest < MOST_AT_ONCE, "{largest} bytes asked for at once");
+    loaded.is_ok()
+}
+
+#[test]
+fn sound_files_load_and_every_truncation_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (path, bytes) in sound(&folder) {
+        assert!(try_all(&path, &bytes), "{}", path.display());
+        // A text image may lose its last line end.
+        let needed = bytes.len() - usize::from(path.ends_with("text.nrrd"));
+        for length in 0..needed {
+            assert!(
+                !try_all(&path, &bytes[..length]),
+                "{} cut to {length} bytes loads",
+                path.display()
+            );
+        }
+    }
+}
+
+#[test]
+fn flipped_bits_in_compressed_data_are_found_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.nii.gz", "a.nrrd", "a.mha"] {
+        let path = folder.path().join(name);
+        volume::save(&small(), &path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let data = match name {
+            "a.nii.gz" => 10,
+            "a.nrrd" => bytes.windows(2).position(|w| w == b"\n\n").unwrap() + 2 + 10,
+            _ => bytes.windows(6).position(|w| w == b"LOCAL\n").unwrap() + 6 + 2,
+        };
+        for at in data..bytes.len() {
+            for bit in 0..8 {
+                let mut flipped = bytes.clone();
+                flipped[at] ^= 1 << bit;
+                if try_all(&path, &flipped) {
+                    // Bits that deflate leaves unused say nothing; the voxels must be right.
+                    let loaded = volume::load(&path).unwrap();
+                    assert_eq!(loaded.volume.voxels(), small().voxels(), "{name} byte {at} bit {bit}");
+                } else {
+                    let message = volume::load(&path).unwrap_err().to_string();
+                    let told = message.contains("broken compressed data") || message.contains("the end of the data");
+                    assert!(told && message.contains("byte "), "{message}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn headers_that_promise_too_much_get_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let nrrd = |sizes: &str, encoding: &str, data: &str| {
+        format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: {sizes}\nspacings: 1 1 1\nencoding: {encoding}\n\n{data}")
+    };
+    let mha = |sizes: &str, compressed: &str| {
+        format!(
+            "NDims = 3\nDimSize = {sizes}\nElementSpacing = 1 1 1\nCompressedData = {compressed}\nElementType = \
+             MET_DOUBLE\nElementDataFile = LOCAL\nabc"
+        )
+    };
+    for (name, text, expected) in [
+        (
+            "a.nrrd",
+            nrrd("2000 2000 2000", "raw", "abc"),
+            "the end of the data after 3 bytes",
+        ),
+        (
+            "a.nrrd",
+            nrrd("2000 2000 2000", "gzip", "abc"),
+            "expected 8000000000 bytes",
+        ),
+        (
+            "a.nrrd",
+            nrrd("2000 2000 2000", "bzip2", "abc"),
+            "broken compressed data",
+        ),
+        (
+            "a.nrrd",
+            nrrd("2000 2000 2000", "ascii", "1 2 3"),
+            "expected 15999999999 bytes",
+        ),
+        ("a.nrrd", nrrd("9999999 9999999 9999999", "raw", ""), "at most 16 GiB"),
+        (
+            "a.nrrd",
+            nrrd("9999999999 9999999999 9999999999", "raw", ""),
+            "at most 16 GiB",
+        ),
+        (
+            "a.nrrd",
+            nrrd("0 2 2", "raw", ""),
+            "at least one sample along every axis",
+        ),
+        (
+            "a.mha",
+            mha("1000 1000 1000", "False"),
+            "the end of the data after 3 bytes",
+        ),
+        ("a.mha", mha("1000 1000 1000", "True"), "expected 8000000000 bytes"),
+        ("a.mha", mha("9999999999 9999999999 2", "True"), "at most 16 GiB"),
+    ] {
+        let path = folder.path().join(name);
+        assert!(!try_all(&path, text.as_bytes()));
+        let message = volume::load(&path).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message} should hold {expected}");
+    }
+}
+
+#[test]
+fn skips_of_lines_bytes_and_all_but_the_image_find_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("data.raw"), b"one\ntwo\nxyz\x01\x02\x03").unwrap();
+    let nrrd = |skip: &str| {
+        format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 1 1\nspacings: 1 1 1\nencoding: raw\n{skip}\ndata file: data.raw\n"
+        )
+    };
+    let mha = |skip: &str| {
+        format!(
+            "NDims = 3\nDimSize = 3 1 1\nElementSpacing = 1 1 1\n{skip}\nElementType = MET_UCHAR\nElementDataFile = \
+             data.raw\n"
+        )
+    };
+    for (name, text) in [
+        ("a.nhdr", nrrd("byte skip: -1")),
+        ("b.nhdr", nrrd("byte skip: 11")),
+        ("c.nhdr", nrrd("line skip: 2\nbyte skip: 3")),
+        ("d.mhd", mha("HeaderSize = -1")),
+        ("e.mhd", mha("HeaderSize = 11")),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let loaded = volume::load(&path).unwrap();
+        let values: Vec<i64> = loaded.volume.labels().iter().map(|label| label.value).collect();
+        assert_eq!(
+            (values, loaded.volume.voxels()),
+            (vec![0, 1, 2, 3], &[1, 2, 3][..]),
+            "{name}"
+        );
+    }
+    let path = folder.path().join("f.nhdr");
+    std::fs::write(&path, nrrd("byte skip: 12")).unwrap();
+    let message = volume::load(&path).unwrap_err().to_string();
+    assert!(
+        message.contains("data.raw, byte 14: found the end of the data after 2 bytes"),
+        "{message}"
+    );
+}
+
+#[test]
+fn sheared_transforms_load_with_a_warning_and_singular_ones_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nrrd");
+    let write = |third: &str| {
+        let text = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nspace: RAS\nsizes: 1 1 2\nspace directions: (1,0,0) (0,1,0) \
+             {third}\nencoding: raw\n\n12"
+        );
+        std::fs::write(&path, text).unwrap();
+        volume::load(&path)
+    };
+    let warnings = write("(0,0.5,1)").unwrap().warnings;
+    assert!(warnings[0].contains("sheared: 26.57 degrees"), "{warnings:?}");
+    assert!(write("(0,0,1)").unwrap().warnings.is_empty());
+    for (third, expected) in [
+        ("(0,1,0)", "span no volume"),
+        ("(0,0,0)", "span no volume"),
+        ("(0,0,nan)", "not finite"),
+        ("(0,0,inf)", "not finite"),
+    ] {
+        let message = write(third).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message} should hold {expected}");
+    }
+}
+
+/// A gzip of one header's worth of zeros a thousandfold: small on disk, large unpacked.
+#[test]
+fn a_bomb_is_unpacked_no_further_than_its_header_calls_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bomb.nrrd");
+    let mut bytes = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\nencoding: gzip\n\n".to_vec();
+    let mut packer = flate2::write::GzEncoder::new(&mut bytes, flate2::Compression::best());
+    packer.write_all(&vec![1; 64 << 20]).unwrap();
+    packer.finish().unwrap();
+    assert!(try_all(&path, &bytes));
+    let loaded = volume::load(&path).unwrap();
+    assert_eq!(loaded.volume.voxels(), [1; 8]);
+    assert!(
+        loaded
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("the rest is ignored")),
+        "{:?}",
+        loaded.warnings
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn random_bytes_never_panic(start in 0usize..8, tail in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let folder = tempfile::tempdir().unwrap();
+        let starts: [&[u8]; 8] = [
+            b"",
+            b"NRRD0004\n",
+            b"NRRD0005\ntype: uint8\ndimension: 3\nsizes: ",
+            b"ObjectType = Image\nNDims = 3\n",
+            b"NDims = 2\nDimSize = 1 1\nElementType = MET_UCHAR\n",
+            &[0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3],
+            &[0x5c, 1, 0, 0],
+            &[0, 0, 1, 0x5c],
+        ];
+        let mut bytes = starts[start].to_vec();
+        bytes.extend_from_slice(&tail);
+        try_all(&folder.path().join("a.bin"), &bytes);
+    }
+
+    #[test]
+    fn flipped_bytes_anywhere_never_panic(which in 0usize..7, flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, mut bytes) = sound(&folder).swap_remove(which);
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        try_all(&path, &bytes);
+    }
+
+    #[test]
+    fn headers_of_plausible_words_never_panic(words in proptest::collection::vec(0usize..30, 0..40)) {
+        const WORDS: [&str; 30] = [
+            "NRRD0004\n", "type: ", "uint8", "short\n", "double\n", "dimension: ", "3\n", "4\n", "sizes: ", "1 ", "2 ",
+            "99999999999 ", "-1 ", "nan ", "\n", "space: LPS\n", "space directions: ", "(1,0,0) ", "none ", "(,) ",
+            "encoding: raw\n", "encoding: gz\n", "encoding: ascii\n", "endian: big\n", "byte skip: ", "kinds: domain list ",
+            "Segment0_LabelValue:=2\n", "Segment0_Layer:=1\n", "Seq_Frame0001_AToBTransform:=1 2\n", "data file: .\n",
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        let text: String = std::iter::once("NRRD0004\n").chain(words.iter().map(|&word| WORDS[word])).collect();
+        try_all(&folder.path().join("a.nrrd"), text.as_bytes());
+    }
+}
