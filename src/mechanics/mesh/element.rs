@@ -20,6 +20,9 @@ pub(super) type Carry<T> = [[T; 4]; 3];
 /// `|row| |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
 /// arithmetic on other backends.
 const SLACK_EPSILONS: f64 = 16.0;
+/// Rounding the point itself moves it by at most 0.9 epsilons of its largest coordinate: a point meant to lie on a face is
+/// held by both sides of it, and on the surface of the mesh it is not lost.
+const POINT_EPSILONS: f64 = 2.0;
 /// The slack of elements so thin that the bound above says nothing any more.
 const SLACK_MAX: f64 = 1.0 / 64.0;
 /// An element flatter than this many epsilons of its largest coordinate has no orientation that the scalar resolves.
@@ -77,7 +80,8 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
     }
     let rows = cross.map(|face| face / volume);
     let aspect = diameter * widest / volume.abs();
-    let slack = (SLACK_EPSILONS * T::epsilon().wide() * (1.0 + aspect)).min(SLACK_MAX);
+    let errors = SLACK_EPSILONS * (1.0 + aspect) + POINT_EPSILONS * largest * widest / volume.abs();
+    let slack = (errors * T::epsilon().wide()).min(SLACK_MAX);
     // Coordinates of at least -s are the element grown about its centroid by 1 + 4 s; no corner moves by more than 3 s
     // diameters. Twice that, since the coordinates that are tested carry an error of up to s themselves.
     let reach = 6.0 * slack * diameter;

@@ -280,3 +280,6 @@ impl<T: Real> Locator<T> {
         });
     }
 }
+
+#[cfg(test)]
+mod tests;
