@@ -75,7 +75,7 @@ fn in_bounds(grid: Grid, p: vec3<f32>) -> bool {
 
 // Where the start of the list of the cell of p is kept.
 fn cell_at(grid: Grid, p: vec3<f32>) -> u32 {
-    let place = clamp(floor((p - grid.origin) * grid.per_mm), vec3<f32>(0.0), vec3<f32>(grid.cells - vec3<u32>(1u)));
+    let place = clamp((p - grid.origin) * grid.per_mm, vec3<f32>(0.0), vec3<f32>(grid.cells - vec3<u32>(1u)));
     let cell = vec3<u32>(place);
     return grid.starts_at + cell.x + grid.cells.x * (cell.y + grid.cells.y * cell.z);
 }

@@ -289,3 +289,108 @@ fn turn(p: Vector3<f64>, centre: &[f64; 3], axis: Unit<Vector3<f64>>, degrees: f
     let r = p - Vector3::from(*centre);
     Rotation3::from_axis_angle(&axis, degrees.to_radians()) * r - r
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Displacement, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    fn close(a: [f64; 3], b: [f64; 3]) {
+        assert!(
+            a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-12),
+            "{a:?} is not {b:?}"
+        );
+    }
+
+    #[test]
+    fn compression_is_the_uniaxial_solution() {
+        let field =
+            parse("kind = 'compression'\nfixed_mm = [1, 2, 3]\ndirection = [0, 0, 9]\nstrain = 0.1\npoisson = 0.4")
+                .unwrap();
+        close(field.apply([11.0, 2.0, 13.0]), [0.4, 0.0, -1.0]);
+        let volume_kept =
+            parse("kind = 'compression'\nfixed_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nstrain = 0.1").unwrap();
+        close(volume_kept.apply([10.0, 10.0, 0.0]), [-1.0, 0.5, 0.0]);
+    }
+
+    #[test]
+    fn indentation_is_deepest_at_its_centre_and_falls_as_a_gaussian() {
+        let field =
+            parse("kind = 'indentation'\ncentre_mm = [1, 1, 1]\ndirection = [0, 2, 0]\ndepth_mm = 8\nradius_mm = 10")
+                .unwrap();
+        close(field.apply([1.0; 3]), [0.0, 8.0, 0.0]);
+        close(field.apply([11.0, 1.0, 1.0]), [0.0, 8.0 * (-0.5f64).exp(), 0.0]);
+    }
+
+    #[test]
+    fn shear_slides_along_its_direction_only() {
+        let field =
+            parse("kind = 'shear'\nfixed_mm = [0, 0, 1]\ndirection = [1, 0, 0]\nnormal = [1, 0, 1]\namount = 0.5")
+                .unwrap();
+        close(field.apply([7.0, 5.0, 3.0]), [1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn rotation_keeps_distances_and_swirl_fades() {
+        let rotation = parse("kind = 'rotation'\ncentre_mm = [1, 0, 0]\naxis = [0, 0, 5]\nangle_deg = 90").unwrap();
+        close(rotation.apply([2.0, 0.0, 4.0]), [-1.0, 1.0, 0.0]);
+        let swirl =
+            parse("kind = 'swirl'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nangle_deg = 90\nradius_mm = 2").unwrap();
+        let (sin, cos) = (90.0 * (-0.5f64).exp()).to_radians().sin_cos();
+        close(swirl.apply([2.0, 0.0, 0.0]), [2.0 * cos - 2.0, 2.0 * sin, 0.0]);
+        close(swirl.apply([100.0, 0.0, 0.0]), [0.0; 3]);
+    }
+
+    #[test]
+    fn affine_maps_and_displaces_many() {
+        let field =
+            parse("kind = 'affine'\nmatrix = [[2, 0, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 0, 1]]").unwrap();
+        assert_eq!(field.validate(), Ok(()));
+        let mut current = vec![[9.0; 3]; 7];
+        field.displace(&[[3.0, 4.0, 5.0]], &mut current);
+        assert_eq!(current, [[7.0, 9.0, 5.0]]);
+    }
+
+    #[test]
+    fn out_of_range_parameters_name_their_key() {
+        let key = |text: &str| parse(text).unwrap().validate().unwrap_err().key;
+        let indentation = "kind = 'indentation'\ncentre_mm = [1, 1, 1]\n";
+        assert_eq!(
+            key(&format!(
+                "{indentation}direction = [0, 0, 0]\ndepth_mm = 8\nradius_mm = 1"
+            )),
+            "direction"
+        );
+        assert_eq!(
+            key(&format!(
+                "{indentation}direction = [0, 0, 1]\ndepth_mm = nan\nradius_mm = 1"
+            )),
+            "depth_mm"
+        );
+        assert_eq!(
+            key(&format!(
+                "{indentation}direction = [0, 0, 1]\ndepth_mm = 8\nradius_mm = 0"
+            )),
+            "radius_mm"
+        );
+        let compression = "kind = 'compression'\nfixed_mm = [0, 0, inf]\ndirection = [0, 1, 0]\nstrain = 0.5";
+        assert_eq!(key(compression), "fixed_mm");
+        assert_eq!(key(&compression.replace("inf", "0").replace("0.5", "1.0")), "strain");
+        let shear = "kind = 'shear'\nfixed_mm = [0, 0, 1]\ndirection = [1, 0, 0]\nnormal = [-3, 0, 0]\namount = 0.5";
+        assert_eq!(key(shear), "normal");
+        assert_eq!(
+            key("kind = 'affine'\nmatrix = [[2, 0, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 1, 1]]"),
+            "matrix"
+        );
+    }
+
+    #[test]
+    fn unknown_keys_and_kinds_are_errors() {
+        let text = "kind = 'rotation'\ncentre_mm = [1, 0, 0]\naxis = [0, 0, 5]\nangle_deg = 90\nangle = 3";
+        assert!(parse(text).unwrap_err().to_string().contains("angle"));
+        assert!(parse("kind = 'stretch'").is_err());
+    }
+}

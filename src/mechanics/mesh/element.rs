@@ -20,14 +20,18 @@ pub(super) type Carry<T> = [[T; 4]; 3];
 /// `|row| |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
 /// arithmetic on other backends.
 const SLACK_EPSILONS: f64 = 16.0;
+/// Rounding the point itself moves it by at most 0.9 epsilons of its largest coordinate: a point meant to lie on a face is
+/// held by both sides of it, and on the surface of the mesh it is not lost.
+const POINT_EPSILONS: f64 = 2.0;
 /// The slack of elements so thin that the bound above says nothing any more.
 const SLACK_MAX: f64 = 1.0 / 64.0;
 /// An element flatter than this many epsilons of its largest coordinate has no orientation that the scalar resolves.
 const FLAT_EPSILONS: f64 = 4.0;
 
 /// What an element is, in the current state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Kind {
+    #[default]
     Sound,
     Inverted,
     /// Without volume, or thinner than the scalar resolves.
@@ -36,14 +40,15 @@ pub(super) enum Kind {
     NotFinite,
 }
 
-/// An element prepared for location.
-pub(super) struct Prepared<T> {
-    pub frame: Frame<T>,
-    pub carry: Carry<T>,
-    /// Axis-aligned box of all points that can test as inside: low corner, high corner.
+/// What the grid and the margins need of an element.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Outline<T> {
+    /// Axis-aligned box of all points that can test as inside: low corner, high corner; low above high if it is never hit.
     pub bounds: [[T; 3]; 2],
     /// No point farther than this from the element tests as inside (mm).
     pub reach: T,
+    /// Without its sign, mm^3; 0 if it is never hit.
+    pub volume: f64,
     pub kind: Kind,
 }
 
@@ -55,7 +60,7 @@ pub(super) fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
 
 /// Prepares the element with these corners. The current corners are those that `T` holds, so that neighbours agree exactly
 /// on the face between them.
-pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> Prepared<T> {
+pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
     let corners = current.map(|corner| corner.map(T::wide));
     if corners.iter().flatten().any(|x| !x.is_finite()) {
         return excluded(Kind::NotFinite);
@@ -77,7 +82,8 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
     }
     let rows = cross.map(|face| face / volume);
     let aspect = diameter * widest / volume.abs();
-    let slack = (SLACK_EPSILONS * T::epsilon().wide() * (1.0 + aspect)).min(SLACK_MAX);
+    let errors = SLACK_EPSILONS * (1.0 + aspect) + POINT_EPSILONS * largest * widest / volume.abs();
+    let slack = (errors * T::epsilon().wide()).min(SLACK_MAX);
     // Coordinates of at least -s are the element grown about its centroid by 1 + 4 s; no corner moves by more than 3 s
     // diameters. Twice that, since the coordinates that are tested carry an error of up to s themselves.
     let reach = 6.0 * slack * diameter;
@@ -110,13 +116,18 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
         bounds[0][axis] -= reach;
         bounds[1][axis] += reach;
     }
-    Prepared {
+    let kind = if inverted { Kind::Inverted } else { Kind::Sound };
+    let volume = volume.abs() / 6.0;
+    (
         frame,
         carry,
-        bounds,
-        reach,
-        kind: if inverted { Kind::Inverted } else { Kind::Sound },
-    }
+        Outline {
+            bounds,
+            reach,
+            volume,
+            kind,
+        },
+    )
 }
 
 /// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
@@ -185,14 +196,15 @@ fn diameter(edges: &Matrix3<f64>) -> f64 {
 }
 
 /// Never hit: the coordinates come out as (1, 0, 0, 0), and none below 1 passes a slack of -1.
-fn excluded<T: Real>(kind: Kind) -> Prepared<T> {
+fn excluded<T: Real>(kind: Kind) -> (Frame<T>, Carry<T>, Outline<T>) {
     let mut frame = [[T::zero(); 4]; 4];
     frame[0][3] = -T::one();
-    Prepared {
-        frame,
-        carry: [[T::zero(); 4]; 3],
-        bounds: [[T::infinity(); 3], [T::neg_infinity(); 3]],
+    let bounds = [[T::infinity(); 3], [T::neg_infinity(); 3]];
+    let outline = Outline {
+        bounds,
         reach: T::zero(),
+        volume: 0.0,
         kind,
-    }
+    };
+    (frame, [[T::zero(); 4]; 3], outline)
 }

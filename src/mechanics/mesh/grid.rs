@@ -4,12 +4,15 @@
 //! same function: a point inside a box always finds the element in its cell, whatever the rounding. Cells at the border
 //! stretch to infinity, so a few far nodes do not coarsen the grid for all others.
 
+use super::element::{Kind, Outline};
 use crate::real::Real;
 
 /// Marks, in the start of a cell's list, a cell that an inverted element touches.
 pub(super) const TANGLED: u32 = 1 << 31;
-/// Cells aimed at for each element: measured on lattice meshes, where more cells make the update dearer and fewer the scans.
+/// Cells aimed at for each element within the volume of the mesh: more make the update dearer, fewer the scans.
 const CELLS_PER_ELEMENT: f64 = 0.5;
+/// Cells that are kept room for, per element: a mesh of scattered parts fills only part of the grid.
+const CELL_CAPACITY_PER_ELEMENT: usize = 4;
 /// List entries that are kept room for, per element; the grid is coarsened where boxes would need more.
 const ENTRIES_PER_ELEMENT: usize = 32;
 /// Nodes that the extent of the grid is estimated from.
@@ -17,6 +20,9 @@ const EXTENT_SAMPLES: usize = 1024;
 /// The extent leaves out this fraction of the nodes at either end of each axis, then widens by `EXTENT_MARGIN` of itself.
 const EXTENT_TAIL: f64 = 0.01;
 const EXTENT_MARGIN: f64 = 0.05;
+
+/// The range of cells of an element that is never hit.
+const NOWHERE: [[u32; 3]; 2] = [[1; 3], [0; 3]];
 
 /// The grid. All lists keep their memory between updates.
 #[derive(Clone, Debug)]
@@ -58,36 +64,39 @@ impl<T: Real> CellGrid<T> {
         (cell_capacity(elements) + 1, entry_capacity(elements))
     }
 
-    /// Rebuilds the grid for elements with these boxes (low above high: never hit) over these nodes.
-    pub fn rebuild(&mut self, nodes: &[[T; 3]], bounds: &[[[T; 3]; 2]], inverted: impl Fn(usize) -> bool) {
-        self.place(nodes, bounds.len());
-        self.bound(bounds);
+    /// Rebuilds the grid for elements with these outlines over these nodes.
+    pub fn rebuild(&mut self, nodes: &[[T; 3]], outlines: &[Outline<T>]) {
+        self.place(nodes, outlines);
         self.ranges.clear();
+        (self.low, self.high) = ([T::infinity(); 3], [T::neg_infinity(); 3]);
         let mut entries = 0;
-        for [low, high] in bounds {
-            let range = match low[0] <= high[0] {
-                true => [self.cell(*low), self.cell(*high)],
-                false => [[1; 3], [0; 3]],
-            };
-            entries += size(&range);
+        for outline in outlines {
+            let [low, high] = outline.bounds;
+            let mut range = NOWHERE;
+            if low[0] <= high[0] {
+                range = [self.cell(low), self.cell(high)];
+                for axis in 0..3 {
+                    self.low[axis] = self.low[axis].min(low[axis]);
+                    self.high[axis] = self.high[axis].max(high[axis]);
+                }
+                entries += size(&range);
+            }
             self.ranges.push(range);
         }
-        while entries > entry_capacity(bounds.len()) && self.cells != [1; 3] {
+        while entries > entry_capacity(outlines.len()) && self.cells != [1; 3] {
             entries = self.coarsen();
         }
         self.fill(entries);
-        self.mark(inverted);
+        self.mark(outlines);
     }
 
     /// The cell of a point that is not NaN.
     #[inline(always)]
     fn cell(&self, p: [T; 3]) -> [u32; 3] {
         std::array::from_fn(|axis| {
-            let last = self.cells[axis] - 1;
-            let place = ((p[axis] - self.origin[axis]) * self.per_mm).floor();
-            place
-                .to_f64()
-                .map_or(0, |place| place.clamp(0.0, f64::from(last)) as u32)
+            let last = f64::from(self.cells[axis] - 1);
+            let place = (p[axis] - self.origin[axis]) * self.per_mm;
+            place.wide().clamp(0.0, last) as u32
         })
     }
 
@@ -113,7 +122,7 @@ impl<T: Real> CellGrid<T> {
     }
 
     /// Chooses origin, cell size and cell counts from where most nodes lie.
-    fn place(&mut self, nodes: &[[T; 3]], elements: usize) {
+    fn place(&mut self, nodes: &[[T; 3]], outlines: &[Outline<T>]) {
         let mut extent = [0.0; 3];
         let mut origin = [0.0; 3];
         for axis in 0..3 {
@@ -127,9 +136,12 @@ impl<T: Real> CellGrid<T> {
             (self.origin, self.per_mm, self.cells) = ([T::zero(); 3], T::one(), [1; 3]);
             return;
         }
+        // A few elements drawn out over a distance would make the cells too large for all others.
+        let whole: f64 = extent.iter().map(|e| e.max(1e-6 * longest)).product();
+        let volume = outlines.iter().map(|outline| outline.volume).sum::<f64>().min(whole);
+        let elements = outlines.len();
         let target = (CELLS_PER_ELEMENT * elements as f64).max(1.0);
-        let volume: f64 = extent.iter().map(|e| e.max(1e-6 * longest)).product();
-        let mut edge = (volume / target).cbrt();
+        let mut edge = (volume / target).cbrt().clamp(1e-6 * longest, longest);
         let mut cells = extent.map(|e| (e / edge).ceil().max(1.0));
         while cells.iter().product::<f64>() > cell_capacity(elements) as f64 {
             edge *= 1.125;
@@ -159,16 +171,6 @@ impl<T: Real> CellGrid<T> {
         let last = self.samples.len() - 1;
         let tail = (EXTENT_TAIL * last as f64) as usize;
         (self.samples[tail].wide(), self.samples[last - tail].wide())
-    }
-
-    fn bound(&mut self, bounds: &[[[T; 3]; 2]]) {
-        (self.low, self.high) = ([T::infinity(); 3], [T::neg_infinity(); 3]);
-        for [low, high] in bounds {
-            for axis in 0..3 {
-                self.low[axis] = self.low[axis].min(low[axis]);
-                self.high[axis] = self.high[axis].max(high[axis]);
-            }
-        }
     }
 
     /// Doubles the cell size, exactly: a cell's number halves. Returns the entries that are then needed.
@@ -217,15 +219,15 @@ impl<T: Real> CellGrid<T> {
         starts[0] = 0;
     }
 
-    fn mark(&mut self, inverted: impl Fn(usize) -> bool) {
+    fn mark(&mut self, outlines: &[Outline<T>]) {
         self.any_tangled = false;
         let [nx, ny, _] = self.cells.map(|n| n as usize);
         let starts = &mut self.starts;
-        for (element, range) in self.ranges.iter().enumerate() {
-            if inverted(element) {
+        for (outline, range) in outlines.iter().zip(&self.ranges) {
+            if outline.kind == Kind::Inverted {
                 self.any_tangled = true;
                 rows(range, nx, ny, |row| {
-                    starts[row].iter_mut().for_each(|start| *start |= TANGLED)
+                    starts[row].iter_mut().for_each(|start| *start |= TANGLED);
                 });
             }
         }
@@ -233,7 +235,7 @@ impl<T: Real> CellGrid<T> {
 }
 
 fn cell_capacity(elements: usize) -> usize {
-    elements + 64
+    CELL_CAPACITY_PER_ELEMENT * elements + 64
 }
 
 fn entry_capacity(elements: usize) -> usize {

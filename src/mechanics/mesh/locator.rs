@@ -15,7 +15,7 @@
 use rayon::prelude::*;
 
 use super::TetMesh;
-use super::element::{self, Carry, Frame, Kind, Prepared};
+use super::element::{self, Carry, Frame, Kind, Outline};
 use super::grid::CellGrid;
 use crate::real::Real;
 
@@ -73,10 +73,8 @@ pub struct Locator<T> {
     pub(super) grid: CellGrid<T>,
     reference: Vec<[f64; 3]>,
     nodes: Vec<[T; 3]>,
-    bounds: Vec<[[T; 3]; 2]>,
-    reaches: Vec<T>,
+    outlines: Vec<Outline<T>>,
     node_reaches: Vec<T>,
-    kinds: Vec<Kind>,
     report: LocatorReport,
 }
 
@@ -92,10 +90,8 @@ impl<T: Real> Locator<T> {
             grid: CellGrid::new(count),
             reference: mesh.nodes().to_vec(),
             nodes: mesh.nodes().iter().map(|node| node.map(T::of)).collect(),
-            bounds: vec![[[T::zero(); 3]; 2]; count],
-            reaches: vec![T::zero(); count],
+            outlines: vec![Outline::default(); count],
             node_reaches: vec![T::zero(); mesh.nodes().len()],
-            kinds: vec![Kind::Flat; count],
             report: LocatorReport::default(),
         };
         locator.prepare();
@@ -198,55 +194,31 @@ impl<T: Real> Locator<T> {
     }
 
     fn prepare(&mut self) {
-        let Locator {
-            elements,
-            frames,
-            carries,
-            bounds,
-            reaches,
-            kinds,
-            nodes,
-            reference,
-            ..
-        } = self;
+        let (nodes, reference) = (&self.nodes, &self.reference);
         let chunks = (
-            elements.par_chunks(UPDATE_CHUNK),
-            frames.par_chunks_mut(UPDATE_CHUNK),
-            carries.par_chunks_mut(UPDATE_CHUNK),
-            bounds.par_chunks_mut(UPDATE_CHUNK),
-            reaches.par_chunks_mut(UPDATE_CHUNK),
-            kinds.par_chunks_mut(UPDATE_CHUNK),
+            self.elements.par_chunks(UPDATE_CHUNK),
+            self.frames.par_chunks_mut(UPDATE_CHUNK),
+            self.carries.par_chunks_mut(UPDATE_CHUNK),
+            self.outlines.par_chunks_mut(UPDATE_CHUNK),
         );
         chunks
             .into_par_iter()
-            .for_each(|(elements, frames, carries, bounds, reaches, kinds)| {
+            .for_each(|(elements, frames, carries, outlines)| {
                 for (index, corners) in elements.iter().enumerate() {
                     let corners = corners.map(|node| node as usize);
-                    let Prepared {
-                        frame,
-                        carry,
-                        bounds: around,
-                        reach,
-                        kind,
-                    } = element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
-                    frames[index] = frame;
-                    carries[index] = carry;
-                    bounds[index] = around;
-                    reaches[index] = reach;
-                    kinds[index] = kind;
+                    (frames[index], carries[index], outlines[index]) =
+                        element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
                 }
             });
         self.count();
         self.set_margins();
-        let kinds = &self.kinds;
-        self.grid
-            .rebuild(&self.nodes, &self.bounds, |element| kinds[element] == Kind::Inverted);
+        self.grid.rebuild(&self.nodes, &self.outlines);
     }
 
     fn count(&mut self) {
         self.report = LocatorReport::default();
-        for kind in &self.kinds {
-            match kind {
+        for outline in &self.outlines {
+            match outline.kind {
                 Kind::Sound => {}
                 Kind::Inverted => self.report.inverted += 1,
                 Kind::Flat => self.report.flat += 1,
@@ -259,10 +231,10 @@ impl<T: Real> Locator<T> {
     /// node with it can reach.
     fn set_margins(&mut self) {
         self.node_reaches.fill(T::zero());
-        for (corners, &reach) in self.elements.iter().zip(&self.reaches) {
+        for (corners, outline) in self.elements.iter().zip(&self.outlines) {
             for &node in corners {
                 let node_reach = &mut self.node_reaches[node as usize];
-                *node_reach = node_reach.max(reach);
+                *node_reach = node_reach.max(outline.reach);
             }
         }
         let node_reaches = &self.node_reaches;
@@ -280,3 +252,6 @@ impl<T: Real> Locator<T> {
         });
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -74,3 +74,6 @@ pub fn map_lines<T: Real>(
         .zip(elements.par_chunks_mut(samples))
         .for_each(|(positions, elements)| map_line(deformed, reference, positions, elements));
 }
+
+#[cfg(test)]
+mod tests;
