@@ -5,6 +5,8 @@
 
 use nalgebra::{Matrix4, Point3};
 
+pub mod texture;
+
 /// One label of a volume.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {

@@ -1,0 +1,290 @@
+//! Tissues as a scene file writes them: a preset, changed key by key, and the labels it applies to.
+
+use std::borrow::Cow;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Tissue, presets};
+
+/// One `[[tissue]]` of a scene. Keys that are not written keep the value of the base preset: `like`, else the preset of
+/// the same name, else `soft_tissue`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TissueOverride {
+    /// Name, unique in the scene. The name of a preset changes that preset wherever it is used.
+    pub name: String,
+    /// The preset to start from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub like: Option<String>,
+    /// Label values in the volume's file that are made of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub labels: Vec<i64>,
+    /// Label names in the volume's file that are made of it; case, spaces and punctuation do not matter.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub label_names: Vec<String>,
+    /// Colour in label maps, sRGB, 0 to 255 each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour: Option<[u8; 3]>,
+    /// Name of a solid texture; `"none"` for a constant echo.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<String>,
+    /// Factor on the lengths in the texture, 0.05 to 20.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture_scale: Option<f64>,
+    /// World direction (LPS) of the texture's first axis: along muscle fibres, across layers of fat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture_direction: Option<[f64; 3]>,
+    /// Mean echo amplitude, dB relative to normal liver, -100 to 60.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub echogenicity_db: Option<f64>,
+    /// One-way attenuation, dB/cm/MHz, 0 to 50.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attenuation_db_cm_mhz: Option<f64>,
+    /// Share of the amplitude lost in one millimetre beyond attenuation, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub occlusion_per_mm: Option<f64>,
+    /// Characteristic acoustic impedance, MRayl, 0.0001 to 10.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub impedance_mrayl: Option<f64>,
+    /// Young's modulus, kPa, 0.001 to 1e8.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub young_kpa: Option<f64>,
+    /// Poisson's ratio, 0 to 0.4999.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poisson: Option<f64>,
+    /// Friction of a needle shaft, N/mm, 0 to 10.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub needle_friction_n_mm: Option<f64>,
+    /// Force to cut it with a needle tip, N, 0 to 1000.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cutting_force_n: Option<f64>,
+    /// Whether a probe placed without instructions may be aimed at it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub soft_organ: Option<bool>,
+}
+
+/// Why the tissues of a scene cannot be used. All of it is the user's to mend.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TissueError {
+    /// A number is outside its range or not finite.
+    #[error("tissue \"{tissue}\": {key} = {found}, expected {expected}")]
+    Range {
+        /// Name of the tissue.
+        tissue: String,
+        /// The key in the scene file.
+        key: &'static str,
+        /// The value found.
+        found: String,
+        /// The range it must lie in.
+        expected: &'static str,
+    },
+    /// A tissue has no name.
+    #[error("tissue {position} (counted from 1): name is empty, expected a name such as \"liver\"")]
+    Unnamed {
+        /// Place in the list, from 1.
+        position: usize,
+    },
+    /// `like` names no preset.
+    #[error(
+        "tissue \"{tissue}\": like = \"{found}\" is no built-in tissue; expected one of {}",
+        preset_names()
+    )]
+    UnknownBase {
+        /// Name of the tissue.
+        tissue: String,
+        /// The name found.
+        found: String,
+    },
+    /// Two tissues share a name.
+    #[error("tissue \"{0}\" is defined twice; expected one [[tissue]] a name")]
+    Duplicate(String),
+    /// Two tissues claim the same label.
+    #[error("label {label} is claimed by tissue \"{first}\" and by tissue \"{second}\"; expected one of them")]
+    ClaimedTwice {
+        /// The label, by value or name.
+        label: String,
+        /// The tissue that came first.
+        first: String,
+        /// The tissue that came second.
+        second: String,
+    },
+}
+
+impl TissueError {
+    /// The tissue that the error is about, where it has a name.
+    pub fn tissue(&self) -> Option<&str> {
+        match self {
+            Self::Range { tissue, .. } | Self::UnknownBase { tissue, .. } => Some(tissue),
+            Self::Duplicate(name) | Self::ClaimedTwice { second: name, .. } => Some(name),
+            Self::Unnamed { .. } => None,
+        }
+    }
+
+    /// The key in the scene file that the error is about.
+    pub fn key(&self) -> &'static str {
+        match self {
+            Self::Range { key, .. } => key,
+            Self::UnknownBase { .. } => "like",
+            Self::Duplicate(_) | Self::Unnamed { .. } => "name",
+            Self::ClaimedTwice { .. } => "labels",
+        }
+    }
+}
+
+fn preset_names() -> String {
+    let names: Vec<&str> = presets::all().iter().map(|tissue| tissue.name.as_ref()).collect();
+    names.join(", ")
+}
+
+impl TissueOverride {
+    /// The tissue that it describes.
+    pub fn apply(&self) -> Result<Tissue, TissueError> {
+        let base = match &self.like {
+            Some(like) => presets::get(like).ok_or_else(|| TissueError::UnknownBase {
+                tissue: self.name.clone(),
+                found: like.clone(),
+            })?,
+            None => presets::get(&self.name).unwrap_or_else(super::resolve::fallback),
+        };
+        let texture = match self.texture.as_deref() {
+            Some("none") => None,
+            Some(name) => Some(Cow::Owned(name.to_owned())),
+            None => base.texture.clone(),
+        };
+        let tissue = Tissue {
+            name: Cow::Owned(self.name.clone()),
+            colour: self.colour.unwrap_or(base.colour),
+            texture,
+            texture_scale: self.texture_scale.unwrap_or(base.texture_scale),
+            texture_direction: self.texture_direction.or(base.texture_direction),
+            echogenicity_db: self.echogenicity_db.unwrap_or(base.echogenicity_db),
+            attenuation_db_cm_mhz: self.attenuation_db_cm_mhz.unwrap_or(base.attenuation_db_cm_mhz),
+            occlusion_per_mm: self.occlusion_per_mm.unwrap_or(base.occlusion_per_mm),
+            impedance_mrayl: self.impedance_mrayl.unwrap_or(base.impedance_mrayl),
+            young_kpa: self.young_kpa.unwrap_or(base.young_kpa),
+            poisson: self.poisson.unwrap_or(base.poisson),
+            needle_friction_n_mm: self.needle_friction_n_mm.unwrap_or(base.needle_friction_n_mm),
+            cutting_force_n: self.cutting_force_n.unwrap_or(base.cutting_force_n),
+            soft_organ: self.soft_organ.unwrap_or(base.soft_organ),
+        };
+        check(&tissue, &self.name)?;
+        Ok(tissue)
+    }
+}
+
+/// Checks that every number of `tissue` lies in its range; errors name it `name`.
+pub(super) fn check(tissue: &Tissue, name: &str) -> Result<(), TissueError> {
+    let error = |key, found: String, expected| TissueError::Range {
+        tissue: name.to_owned(),
+        key,
+        found,
+        expected,
+    };
+    let numbers = [
+        ("texture_scale", tissue.texture_scale, 0.05, 20.0, "0.05 to 20"),
+        ("echogenicity_db", tissue.echogenicity_db, -100.0, 60.0, "-100 to 60 dB"),
+        (
+            "attenuation_db_cm_mhz",
+            tissue.attenuation_db_cm_mhz,
+            0.0,
+            50.0,
+            "0 to 50 dB/cm/MHz",
+        ),
+        ("occlusion_per_mm", tissue.occlusion_per_mm, 0.0, 1.0, "0 to 1"),
+        (
+            "impedance_mrayl",
+            tissue.impedance_mrayl,
+            0.0001,
+            10.0,
+            "0.0001 to 10 MRayl",
+        ),
+        ("young_kpa", tissue.young_kpa, 0.001, 1e8, "0.001 to 1e8 kPa"),
+        ("poisson", tissue.poisson, 0.0, 0.4999, "0 to 0.4999"),
+        (
+            "needle_friction_n_mm",
+            tissue.needle_friction_n_mm,
+            0.0,
+            10.0,
+            "0 to 10 N/mm",
+        ),
+        ("cutting_force_n", tissue.cutting_force_n, 0.0, 1000.0, "0 to 1000 N"),
+    ];
+    for (key, found, low, high, expected) in numbers {
+        if !(low..=high).contains(&found) {
+            return Err(error(key, found.to_string(), expected));
+        }
+    }
+    if let Some(direction) = tissue.texture_direction {
+        let length = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if !(length.is_finite() && length > 1e-9) {
+            let expected = "three finite numbers, not all 0";
+            return Err(error("texture_direction", format!("{direction:?}"), expected));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> TissueOverride {
+        toml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn unwritten_keys_keep_the_base() {
+        let bright = parse("name = \"liver\"\nechogenicity_db = 4.0").apply().unwrap();
+        let liver = presets::get("liver").unwrap();
+        assert_eq!(bright.echogenicity_db, 4.0);
+        assert_eq!(
+            Tissue {
+                echogenicity_db: 0.0,
+                ..bright
+            },
+            *liver
+        );
+
+        let haemangioma = parse("name = \"haemangioma\"\nlike = \"lesion\"\ntexture = \"none\"")
+            .apply()
+            .unwrap();
+        assert_eq!(haemangioma.young_kpa, presets::get("lesion").unwrap().young_kpa);
+        assert_eq!(haemangioma.texture, None);
+        let unknown = parse("name = \"something\"").apply().unwrap();
+        assert_eq!(
+            unknown.echogenicity_db,
+            presets::get("soft_tissue").unwrap().echogenicity_db
+        );
+    }
+
+    #[test]
+    fn unknown_keys_are_errors() {
+        let error = toml::from_str::<TissueOverride>("name = \"liver\"\nechogenicity = 4.0").unwrap_err();
+        assert!(error.to_string().contains("echogenicity"), "{error}");
+    }
+
+    #[test]
+    fn every_number_is_checked_and_the_error_says_what_was_expected() {
+        for (key, bad) in [
+            ("texture_scale", "0.0"),
+            ("texture_direction", "[0.0, 0.0, 0.0]"),
+            ("texture_direction", "[nan, 0.0, 1.0]"),
+            ("echogenicity_db", "61.0"),
+            ("attenuation_db_cm_mhz", "-0.1"),
+            ("occlusion_per_mm", "1.01"),
+            ("impedance_mrayl", "nan"),
+            ("young_kpa", "0.0"),
+            ("poisson", "0.5"),
+            ("needle_friction_n_mm", "inf"),
+            ("cutting_force_n", "-1.0"),
+        ] {
+            let error = parse(&format!("name = \"liver\"\n{key} = {bad}")).apply().unwrap_err();
+            assert_eq!(error.key(), key);
+            let text = error.to_string();
+            assert!(text.contains("liver") && text.contains("expected"), "{text}");
+        }
+        let error = parse("name = \"x\"\nlike = \"livr\"").apply().unwrap_err();
+        assert!(error.to_string().contains("livr") && error.to_string().contains("kidney_cortex"));
+    }
+}

@@ -1,0 +1,333 @@
+//! Which tissue each label of a volume is made of.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
+use crate::volume::Label;
+
+/// How labels without an explicit tissue find theirs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; without names, by value, if every value is
+    /// one of TotalSegmentator's.
+    #[default]
+    Auto,
+    /// As `auto`, and labels without names by TotalSegmentator's values whatever the others are.
+    TotalSegmentator,
+    /// By names that are exactly those of built-in tissues, as phantoms carry them.
+    Phantom,
+    /// Not at all: only explicit tissues count.
+    None,
+}
+
+/// Words that decide where no exact name does, and their tissues. The first row that has a word of the label wins; a
+/// trailing `*` matches any ending, otherwise only a plural `s` is allowed.
+const KEYWORDS: &[(&str, &str)] = &[
+    ("background", "background"),
+    ("cyst*", "cyst"),
+    ("tumo*", "lesion"),
+    ("lesion", "lesion"),
+    ("metasta*", "lesion"),
+    ("cord", "nerve"),
+    ("nerve", "nerve"),
+    ("cartilag*", "cartilage"),
+    ("disc", "disc"),
+    ("disk", "disc"),
+    ("rib", "bone"),
+    ("vertebra*", "bone"),
+    ("spine", "bone"),
+    ("sacrum", "bone"),
+    ("bone", "bone"),
+    ("skull", "bone"),
+    ("pelvis", "bone"),
+    ("pubi*", "bone"),
+    ("femur", "bone"),
+    ("sternum", "bone"),
+    ("vein", "vessel"),
+    ("vena", "vessel"),
+    ("arter*", "vessel"),
+    ("aort*", "vessel"),
+    ("vessel", "vessel"),
+    ("blood", "vessel"),
+    ("portal", "vessel"),
+    ("lung", "lung"),
+    ("trachea", "gas"),
+    ("airway", "gas"),
+    ("gas", "gas"),
+    ("air", "air"),
+    ("gallbladder", "bile"),
+    ("bile", "bile"),
+    ("bladder", "urine"),
+    ("kidney", "kidney_cortex"),
+    ("hepat*", "liver"),
+    ("liver", "liver"),
+    ("spleen", "spleen"),
+    ("pancrea*", "pancreas"),
+    ("prostat*", "prostate_central"),
+    ("thyroid", "thyroid"),
+    ("adrenal", "adrenal"),
+    ("stomach", "bowel_content"),
+    ("colon", "bowel_content"),
+    ("rectum", "bowel_content"),
+    ("duoden*", "small_bowel"),
+    ("bowel", "small_bowel"),
+    ("intestin*", "small_bowel"),
+    ("esophag*", "stomach_wall"),
+    ("oesophag*", "stomach_wall"),
+    ("heart", "heart"),
+    ("myocard*", "heart"),
+    ("brain", "brain"),
+    ("urethra", "urethra"),
+    ("ligament", "ligament"),
+    ("tendon", "ligament"),
+    ("diaphragm", "diaphragm"),
+    ("fascia", "fascia"),
+    ("muscle", "muscle"),
+    ("muscular", "muscle"),
+    ("glute*", "muscle"),
+    ("iliopsoas", "muscle_paraspinal"),
+    ("psoas", "muscle_paraspinal"),
+    ("autochthon", "muscle_paraspinal"),
+    ("fat", "fat"),
+    ("adipos*", "fat"),
+    ("skin", "skin"),
+    ("tissue", "soft_tissue"),
+    ("body", "soft_tissue"),
+];
+
+/// The tissue of labels about which nothing is known.
+pub(super) fn fallback() -> &'static Tissue {
+    presets::get("soft_tissue").unwrap_or(&presets::all()[0])
+}
+
+/// Lower case, and everything but letters and digits as single underscores.
+fn normalised(name: &str) -> String {
+    let lower = name.to_lowercase();
+    let words: Vec<&str> = lower
+        .split(|c: char| !c.is_alphanumeric())
+        .filter(|word| !word.is_empty())
+        .collect();
+    words.join("_")
+}
+
+fn without_side(normalised: &str) -> String {
+    let words: Vec<&str> = normalised
+        .split('_')
+        .filter(|&word| word != "left" && word != "right")
+        .collect();
+    words.join("_")
+}
+
+fn by_class_name(normalised: &str) -> Option<&'static Tissue> {
+    let bare = without_side(normalised);
+    let same = |class: &&totalsegmentator::Class| {
+        let name = class.name.to_lowercase();
+        name == normalised || without_side(&name) == bare
+    };
+    totalsegmentator::classes()
+        .iter()
+        .find(same)
+        .and_then(totalsegmentator::Class::preset)
+}
+
+fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
+    let has = |keyword: &str| {
+        normalised.split('_').any(|word| match keyword.strip_suffix('*') {
+            Some(stem) => word.starts_with(stem),
+            None => word == keyword || word.strip_suffix('s') == Some(keyword),
+        })
+    };
+    let (_, tissue) = KEYWORDS.iter().find(|(keyword, _)| has(keyword))?;
+    presets::get(tissue)
+}
+
+fn by_name(name: &str, hint: Preset) -> Option<&'static Tissue> {
+    let name = normalised(name);
+    match hint {
+        Preset::None => None,
+        Preset::Phantom => presets::get(&name),
+        Preset::Auto | Preset::TotalSegmentator => presets::get(&name)
+            .or_else(|| by_class_name(&name))
+            .or_else(|| presets::get(&without_side(&name)))
+            .or_else(|| by_keyword(&name)),
+    }
+}
+
+fn shown(label: &Label) -> String {
+    match &label.name {
+        Some(name) => format!("{} (\"{name}\")", label.value),
+        None => label.value.to_string(),
+    }
+}
+
+/// The override, by position, that claims each label.
+fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<usize>>, TissueError> {
+    labels
+        .iter()
+        .map(|label| {
+            let name = label.name.as_deref().map(normalised);
+            let mut claiming = overrides.iter().enumerate().filter(|(_, tissue)| {
+                tissue.labels.contains(&label.value)
+                    || name.is_some()
+                        && tissue
+                            .label_names
+                            .iter()
+                            .any(|claimed| Some(normalised(claimed)) == name)
+            });
+            let first = claiming.next();
+            match (first, claiming.next()) {
+                (Some((_, first)), Some((_, second))) => Err(TissueError::ClaimedTwice {
+                    label: shown(label),
+                    first: first.name.clone(),
+                    second: second.name.clone(),
+                }),
+                _ => Ok(first.map(|(position, _)| position)),
+            }
+        })
+        .collect()
+}
+
+impl TissueTable {
+    /// Finds the tissue of each of `labels` (label index by label index; the first is the background).
+    ///
+    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a
+    /// TotalSegmentator class of that name (case, spaces and side do not matter); a word such as "rib"; for labels
+    /// without names, TotalSegmentator's value, if every label without a name has one of its values; else soft tissue,
+    /// with a warning. `hint` narrows this down. An override named as a preset changes that preset wherever it is used.
+    ///
+    /// Returns the table and the warnings: what was assumed, and which key of the scene settles it.
+    ///
+    /// ```
+    /// use insonify::{tissue::{Preset, TissueTable}, volume::Label};
+    /// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 1 };
+    /// let labels = [label(0, "background"), label(7, "Right kidney")];
+    /// let (table, warnings) = TissueTable::resolve(&labels, &[], Preset::Auto)?;
+    /// assert_eq!(table.of(1).name, "kidney_cortex");
+    /// assert!(warnings.is_empty());
+    /// # Ok::<(), insonify::tissue::TissueError>(())
+    /// ```
+    pub fn resolve(
+        labels: &[Label],
+        overrides: &[TissueOverride],
+        hint: Preset,
+    ) -> Result<(Self, Vec<String>), TissueError> {
+        let mut custom: Vec<Tissue> = Vec::with_capacity(overrides.len());
+        for (index, written) in overrides.iter().enumerate() {
+            if written.name.trim().is_empty() {
+                return Err(TissueError::Unnamed { position: index + 1 });
+            }
+            if custom.iter().any(|tissue| tissue.name == written.name) {
+                return Err(TissueError::Duplicate(written.name.clone()));
+            }
+            custom.push(written.apply()?);
+        }
+        let claims = claims(labels, overrides)?;
+        let mut warnings = unmatched_claims(labels, overrides);
+
+        let nameless = || labels.iter().skip(1).filter(|label| label.name.is_none());
+        let by_value = match hint {
+            Preset::TotalSegmentator => true,
+            Preset::Auto => nameless().all(|label| totalsegmentator::by_value(label.value).is_some()),
+            Preset::Phantom | Preset::None => false,
+        };
+
+        let mut table = Self {
+            tissues: Vec::new(),
+            of_label: Vec::with_capacity(labels.len()),
+        };
+        if labels.is_empty() {
+            table.tissues.push(presets::all()[0].clone());
+        }
+        let (mut unknown, mut valued) = (Vec::new(), 0);
+        for (index, (label, claim)) in labels.iter().zip(&claims).enumerate() {
+            let same_name = |name: &String| {
+                custom
+                    .iter()
+                    .find(|tissue| normalised(&tissue.name) == normalised(name))
+            };
+            let preset = match &label.name {
+                _ if index == 0 => presets::all().first(),
+                Some(name) => by_name(name, hint),
+                None if by_value => {
+                    let found = totalsegmentator::by_value(label.value).and_then(totalsegmentator::Class::preset);
+                    valued += usize::from(found.is_some() && claim.is_none());
+                    found
+                }
+                None => None,
+            };
+            let tissue = match (claim, label.name.as_ref().and_then(same_name)) {
+                (Some(position), _) => &custom[*position],
+                (None, Some(named)) if index > 0 => named,
+                _ => {
+                    let preset = preset.unwrap_or_else(|| {
+                        unknown.push(shown(label));
+                        fallback()
+                    });
+                    custom
+                        .iter()
+                        .find(|tissue| tissue.name == preset.name)
+                        .unwrap_or(preset)
+                }
+            };
+            table.push(tissue);
+        }
+        if valued > 0 && hint == Preset::Auto {
+            warnings.push(format!(
+                "{valued} labels carry no names and were taken as TotalSegmentator classes by their values; to say \
+                 otherwise write [[tissue]] with name and labels = [VALUE, ...]"
+            ));
+        }
+        if !unknown.is_empty() {
+            warnings.push(format!(
+                "no tissue known for label {}; taken as soft_tissue; to choose, write [[tissue]] with name and \
+                 labels = [VALUE, ...]",
+                unknown.join(", ")
+            ));
+        }
+        Ok((table, warnings))
+    }
+
+    /// Appends the tissue of the next label index; labels number at most 256, and tissues no more than labels.
+    fn push(&mut self, tissue: &Tissue) {
+        let known = self.tissues.iter().position(|known| known.name == tissue.name);
+        let index = known.unwrap_or_else(|| {
+            self.tissues.push(tissue.clone());
+            self.tissues.len() - 1
+        });
+        self.of_label.push(index as u8);
+    }
+}
+
+/// A warning for each claim that no label of the volume answers.
+fn unmatched_claims(labels: &[Label], overrides: &[TissueOverride]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let names: Vec<String> = labels
+        .iter()
+        .filter_map(|label| label.name.as_deref())
+        .map(normalised)
+        .collect();
+    for tissue in overrides {
+        for value in &tissue.labels {
+            if !labels.iter().any(|label| label.value == *value) {
+                warnings.push(format!(
+                    "tissue \"{}\": labels: the volume has no label {value}",
+                    tissue.name
+                ));
+            }
+        }
+        for name in &tissue.label_names {
+            if !names.contains(&normalised(name)) {
+                warnings.push(format!(
+                    "tissue \"{}\": label_names: the volume has no label \"{name}\"",
+                    tissue.name
+                ));
+            }
+        }
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;
