@@ -1,4 +1,167 @@
-//! tmp
-/// t
-#[derive(Clone, Debug)]
-pub struct SolidTexture;
+//! Solid textures: periodic volumes of echo amplitude multipliers, sampled trilinearly in the tissue's reference state.
+//!
+//! A texture's mean square is 1, so that a tissue's echogenicity states its mean echo power whatever its texture.
+
+mod atlas;
+mod seam;
+
+pub use atlas::{Atlas, AtlasEntry, AtlasFull, Placement};
+pub use seam::{Seam, TextureOptions, Values};
+
+use crate::real::Real;
+
+/// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidTexture {
+    size: [usize; 3],
+    spacing_mm: [f64; 3],
+    data: Vec<f32>,
+}
+
+/// Why a texture cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidTexture {
+    /// An axis is empty or too long.
+    #[error("size {0:?}: expected 1 to 16384 voxels along each axis")]
+    Size([usize; 3]),
+    /// The spacing is not a positive length.
+    #[error("spacing {0:?} mm: expected finite numbers above 0")]
+    Spacing([f64; 3]),
+    /// The voxel list does not match the size.
+    #[error("{found} voxels for a size that needs {expected}")]
+    Count {
+        /// Voxels given.
+        found: usize,
+        /// Product of the size.
+        expected: usize,
+    },
+    /// An amplitude is negative or not finite.
+    #[error("voxel {at} has amplitude {value}: expected finite numbers from 0")]
+    Amplitude {
+        /// Linear index of the voxel.
+        at: usize,
+        /// The amplitude found.
+        value: f32,
+    },
+    /// All amplitudes are 0, so that no factor brings the mean square to 1.
+    #[error("every voxel is 0: a texture needs at least one echo")]
+    Silent,
+    /// An option is outside its range.
+    #[error("{key} = {found}, expected {expected}")]
+    Option {
+        /// The option's name.
+        key: &'static str,
+        /// The value found.
+        found: f64,
+        /// The range it must lie in.
+        expected: &'static str,
+    },
+}
+
+/// Longest axis, voxels: the linear index of a cube this long still fits the counter of a file of any kind.
+const LONGEST_AXIS: usize = 16_384;
+
+impl SolidTexture {
+    /// Makes a texture that repeats every `size` times `spacing_mm`, from amplitudes with x fastest, and scales it to mean
+    /// square 1. The data are taken as periodic as they are; [`Self::from_scalar`] makes other data so.
+    pub fn new(size: [usize; 3], spacing_mm: [f64; 3], mut data: Vec<f32>) -> Result<Self, InvalidTexture> {
+        check_frame(size, spacing_mm, data.len())?;
+        if let Some(at) = data.iter().position(|value| !(value.is_finite() && *value >= 0.0)) {
+            return Err(InvalidTexture::Amplitude { at, value: data[at] });
+        }
+        let square = data.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>() / data.len() as f64;
+        if square == 0.0 {
+            return Err(InvalidTexture::Silent);
+        }
+        let factor = 1.0 / square.sqrt();
+        for value in &mut data {
+            *value = (f64::from(*value) * factor) as f32;
+        }
+        Ok(Self { size, spacing_mm, data })
+    }
+
+    /// Makes a texture from the voxels of any scalar image: converts them to amplitudes and closes the seam as `options`
+    /// say. The size may change: see [`Seam`].
+    pub fn from_scalar(
+        size: [usize; 3],
+        spacing_mm: [f64; 3],
+        data: Vec<f32>,
+        options: &TextureOptions,
+    ) -> Result<Self, InvalidTexture> {
+        check_frame(size, spacing_mm, data.len())?;
+        options.check()?;
+        if let Some(at) = data.iter().position(|value| !value.is_finite()) {
+            return Err(InvalidTexture::Amplitude { at, value: data[at] });
+        }
+        let amplitudes = options.values.to_amplitudes(data);
+        let (size, amplitudes) = options.seam.close(size, amplitudes);
+        Self::new(size, spacing_mm, amplitudes)
+    }
+
+    /// Voxels along each axis.
+    pub fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    /// Distance between neighbouring voxel centres along each axis, mm.
+    pub fn spacing_mm(&self) -> [f64; 3] {
+        self.spacing_mm
+    }
+
+    /// Length after which it repeats along each axis, mm.
+    pub fn period_mm(&self) -> [f64; 3] {
+        [0, 1, 2].map(|axis| self.size[axis] as f64 * self.spacing_mm[axis])
+    }
+
+    /// Amplitude multipliers, x fastest.
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// The multiplier at a position in the texture's own frame, mm.
+    pub fn sample<T: Real>(&self, position_mm: [T; 3]) -> T {
+        let index = [0, 1, 2].map(|axis| position_mm[axis] / T::of(self.spacing_mm[axis]));
+        trilinear(&self.data, self.size.map(|n| n as u32), index)
+    }
+}
+
+fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(), InvalidTexture> {
+    if !size.iter().all(|n| (1..=LONGEST_AXIS).contains(n)) {
+        return Err(InvalidTexture::Size(size));
+    }
+    if !spacing_mm.iter().all(|&length| length.is_finite() && length > 0.0) {
+        return Err(InvalidTexture::Spacing(spacing_mm));
+    }
+    let expected = size.iter().product();
+    if found != expected {
+        return Err(InvalidTexture::Count { found, expected });
+    }
+    Ok(())
+}
+
+/// Periodic trilinear look-up at a fractional voxel index: eight loads and seven mixes, in the order of the shader's
+/// `sample_texture`.
+#[inline]
+fn trilinear<T: Real>(data: &[f32], size: [u32; 3], index: [T; 3]) -> T {
+    let mut near = [0usize; 3];
+    let mut far = [0usize; 3];
+    let mut share = [T::zero(); 3];
+    for axis in 0..3 {
+        let floor = index[axis].floor();
+        share[axis] = index[axis] - floor;
+        let length = size[axis] as i32;
+        let wrapped = (floor.wide() as i32).rem_euclid(length);
+        near[axis] = wrapped as usize;
+        far[axis] = if wrapped + 1 == length { 0 } else { near[axis] + 1 };
+    }
+    let (nx, ny) = (size[0] as usize, size[1] as usize);
+    let at = |i: usize, j: usize, k: usize| T::of(f64::from(data[i + nx * (j + ny * k)]));
+    let mix = |a: T, b: T, t: T| a + t * (b - a);
+    let edge = |j: usize, k: usize| mix(at(near[0], j, k), at(far[0], j, k), share[0]);
+    let lower = mix(edge(near[1], near[2]), edge(far[1], near[2]), share[1]);
+    let upper = mix(edge(near[1], far[2]), edge(far[1], far[2]), share[1]);
+    mix(lower, upper, share[2])
+}
+
+#[cfg(test)]
+mod tests;
