@@ -12,6 +12,7 @@ use crate::effects::OutOfRange;
 use crate::gpu::GpuError;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
+use crate::volume::texture::AtlasFull;
 
 use tables::{Anatomy, Settings, Tables};
 
@@ -27,6 +28,9 @@ pub enum SynthError {
     /// The image cannot be laid out.
     #[error(transparent)]
     Image(#[from] InvalidGrid),
+    /// The tissues name more textures than an atlas holds.
+    #[error(transparent)]
+    Textures(#[from] AtlasFull),
     /// The GPU could not do it.
     #[error(transparent)]
     Gpu(#[from] GpuError),

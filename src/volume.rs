@@ -30,7 +30,6 @@ pub use info::{Info, LabelInfo, describe};
 pub(crate) use load::read_header;
 pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub use save::save;
-pub mod texture;
 
 /// One label of a volume.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
 // Solid textures: trilinear look-up in the atlas, periodic along each axis. The including shader declares
-// `var<storage, read> atlas: array<f32>` and `var<storage, read> textures: array<TextureEntry>`.
+// `var<storage, read> atlas: array<f32>` and `var<storage, read> entries: array<TextureEntry>`.
 
 struct TextureEntry {
     // Rows that take a world position in mm to a fractional voxel index; the fourth number pads.

@@ -42,7 +42,7 @@ pub enum Resource {
     /// Placement of the solid textures in the atlas.
     TextureEntries,
     /// Voxels of the solid textures (`f32`).
-    Atlas,
+    TextureAtlas,
     /// Per sample and sub-plane: label index (`u32`).
     Label,
     /// Per sample (and sub-plane, up to `thickness`): echo amplitude; after `tone`, grey level (`f32`).

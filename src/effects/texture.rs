@@ -3,6 +3,8 @@
 //! Texture coordinates are the reference position turned and scaled as the tissue says, so that textures move with the
 //! tissue. A texture multiplies the tissue's mean echo; its own mean square is 1.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -13,7 +15,8 @@ use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
-use crate::tissue::bank::Atlas;
+use crate::tissue::{Tissue, bank};
+use crate::volume::texture::{Atlas, AtlasFull, Placement, SolidTexture};
 
 /// Solid textures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -56,7 +59,7 @@ static PASSES: &[Pass] = &[Pass {
         (Label, Read),
         (LabelRows, Read),
         (TextureEntries, Read),
-        (super::pass::Resource::Atlas, Read),
+        (TextureAtlas, Read),
         (Amplitude, Write),
     ],
     params,
@@ -137,9 +140,43 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             }
         });
 }
-pub fn atlas(_: &Anatomy, _: &Settings) -> Option<Atlas> {
-    None
+
+/// The solid textures that the labels of an anatomy name, in the order of their first use; none without the effect or
+/// without textures. Those of the anatomy override those of the bank.
+pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, AtlasFull> {
+    if settings.effects.texture.is_none() {
+        return Ok(None);
+    }
+    let tissues = placed(anatomy);
+    let made: Vec<Arc<SolidTexture>> = tissues.iter().filter_map(|tissue| solid(anatomy, tissue, settings.seed)).collect();
+    if made.is_empty() {
+        return Ok(None);
+    }
+    let placements = tissues.iter().map(|tissue| Placement { rotation: tissue.texture_rotation(), scale: tissue.texture_scale });
+    let pairs: Vec<(&SolidTexture, Placement)> = made.iter().map(Arc::as_ref).zip(placements).collect();
+    Atlas::pack(&pairs).map(Some)
 }
-pub fn entry_of(_: &Atlas, _: &crate::tissue::Tissue) -> u32 {
-    0
+
+/// One more than the atlas entry of a label's tissue; 0 for none.
+pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
+    let tissue = anatomy.tissues.of(label);
+    placed(anatomy).iter().position(|placed| placed.name == tissue.name).map_or(0, |at| at as u32 + 1)
+}
+
+/// Tissues of the volume's labels that have a texture to be found, each once.
+fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
+    let mut tissues: Vec<&Tissue> = Vec::new();
+    for label in 0..anatomy.volume.labels().len() {
+        let tissue = anatomy.tissues.of(label as u8);
+        let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|own| own == name);
+        if tissue.texture.as_deref().is_some_and(known) && !tissues.iter().any(|placed| placed.name == tissue.name) {
+            tissues.push(tissue);
+        }
+    }
+    tissues
+}
+
+fn solid(anatomy: &Anatomy, tissue: &Tissue, seed: u64) -> Option<Arc<SolidTexture>> {
+    let name = tissue.texture.as_deref()?;
+    anatomy.textures.get(name).cloned().or_else(|| bank::make(name, seed).map(Arc::new))
 }

@@ -496,7 +496,7 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
             .atlas
             .as_ref()
             .map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec()),
-        Resource::Atlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
+        Resource::TextureAtlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
         Resource::AxialKernel => tables
             .speckle
             .as_ref()

@@ -18,10 +18,9 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::pack::WarpCapacities;
 use crate::real::Numbers;
 use crate::tissue::TissueTable;
-use crate::tissue::bank::Atlas;
 use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 use crate::volume::LabelVolume;
-use crate::volume::texture::SolidTexture;
+use crate::volume::texture::{Atlas, SolidTexture};
 
 /// What is imaged: fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
@@ -138,7 +137,7 @@ impl Tables {
             settings,
         };
         tables.gain = tables.gain_table();
-        tables.place_textures();
+        tables.atlas = texture::atlas(&tables.anatomy, &tables.settings)?;
         tables.label_rows = tables.rows();
         Ok(tables)
     }
@@ -160,6 +159,7 @@ impl Tables {
         let shadow = probe || old.effects.shadow != new.effects.shadow;
         let gain = shadow || old.effects.tone != new.effects.tone;
         let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
+        let atlas = if texture { texture::atlas(&self.anatomy, new)? } else { None };
         let mut changed = Vec::new();
         let remap = probe || image_grid != self.image_grid;
 
@@ -193,8 +193,8 @@ impl Tables {
             changed.push(Resource::Gain);
         }
         if texture {
-            self.place_textures();
-            changed.extend([Resource::Atlas, Resource::TextureEntries]);
+            self.atlas = atlas;
+            changed.extend([Resource::TextureAtlas, Resource::TextureEntries]);
         }
         if texture || shadow {
             self.label_rows = self.rows();
@@ -275,7 +275,7 @@ impl Tables {
                     .as_ref()
                     .map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64
             }
-            Resource::Atlas => self
+            Resource::TextureAtlas => self
                 .atlas
                 .as_ref()
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
@@ -317,10 +317,6 @@ impl Tables {
         Numbers::new((0..self.samples()).map(gain).collect())
     }
 
-    fn place_textures(&mut self) {
-        self.atlas = texture::atlas(&self.anatomy, &self.settings);
-    }
-
     fn rows(&self) -> Vec<LabelRow> {
         let effects = &self.settings.effects;
         let row = |label: usize| {
@@ -332,7 +328,7 @@ impl Tables {
                 echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
                 impedance: tissue.impedance_mrayl as f32,
                 loss: units(db),
-                texture: self.atlas.as_ref().map_or(0, |atlas| texture::entry_of(atlas, tissue)),
+                texture: if self.atlas.is_some() { texture::entry_of(&self.anatomy, label as u8) } else { 0 },
             }
         };
         (0..self.volume.labels().len()).map(row).collect()
