@@ -75,9 +75,10 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
     let opposite = cross[0] + cross[1] + cross[2];
     let widest = [cross[0], cross[1], cross[2], opposite]
         .iter()
-        .fold(0.0f64, |a, face| a.max(face.norm()));
-    // Volume over face area is height. NaN counts as flat.
-    if !(volume.abs() > thinnest * widest) {
+        .fold(0.0f64, |a, face| a.max(face.norm_squared()))
+        .sqrt();
+    // Volume over face area is height.
+    if volume.abs() <= thinnest * widest || !(volume / widest).is_finite() {
         return excluded(Kind::Flat);
     }
     let rows = cross.map(|face| face / volume);

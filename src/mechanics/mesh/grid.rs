@@ -10,7 +10,7 @@ use crate::real::Real;
 /// Marks, in the start of a cell's list, a cell that an inverted element touches.
 pub(super) const TANGLED: u32 = 1 << 31;
 /// Cells aimed at for each element within the volume of the mesh: more make the update dearer, fewer the scans.
-const CELLS_PER_ELEMENT: f64 = 0.5;
+const CELLS_PER_ELEMENT: f64 = 0.25;
 /// Cells that are kept room for, per element: a mesh of scattered parts fills only part of the grid.
 const CELL_CAPACITY_PER_ELEMENT: usize = 4;
 /// List entries that are kept room for, per element; the grid is coarsened where boxes would need more.

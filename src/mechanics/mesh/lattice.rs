@@ -53,7 +53,7 @@ impl TetMesh {
         let volume = edges[0].dot(&edges[1].cross(&edges[2]));
         let scale = edges[0].norm() * edges[1].norm() * edges[2].norm();
         let finite = box_to_world.iter().all(|x| x.is_finite());
-        if !finite || scale <= 0.0 || !(volume.abs() > 1e-12 * scale) {
+        if !finite || !volume.is_finite() || volume.abs() <= 1e-12 * scale {
             return Err(InvalidMesh::Box {
                 edges_mm: edges.map(Into::into),
             });
