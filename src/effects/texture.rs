@@ -3,6 +3,7 @@
 //! Texture coordinates are the reference position turned and scaled as the tissue says, so that textures move with the
 //! tissue. A texture multiplies the tissue's mean echo; its own mean square is 1.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -148,12 +149,19 @@ pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, At
         return Ok(None);
     }
     let tissues = placed(anatomy);
-    let made: Vec<Arc<SolidTexture>> = tissues.iter().filter_map(|tissue| solid(anatomy, tissue, settings.seed)).collect();
+    let mut by_name: BTreeMap<&str, Arc<SolidTexture>> = BTreeMap::new();
+    for name in tissues.iter().filter_map(|tissue| tissue.texture.as_deref()) {
+        if let (false, Some(texture)) = (by_name.contains_key(name), solid(anatomy, name, settings.seed)) {
+            by_name.insert(name, texture);
+        }
+    }
+    let made: Vec<&SolidTexture> =
+        tissues.iter().filter_map(|tissue| by_name.get(tissue.texture.as_deref()?)).map(Arc::as_ref).collect();
     if made.is_empty() {
         return Ok(None);
     }
     let placements = tissues.iter().map(|tissue| Placement { rotation: tissue.texture_rotation(), scale: tissue.texture_scale });
-    let pairs: Vec<(&SolidTexture, Placement)> = made.iter().map(Arc::as_ref).zip(placements).collect();
+    let pairs: Vec<(&SolidTexture, Placement)> = made.into_iter().zip(placements).collect();
     Atlas::pack(&pairs).map(Some)
 }
 
@@ -176,7 +184,6 @@ fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
     tissues
 }
 
-fn solid(anatomy: &Anatomy, tissue: &Tissue, seed: u64) -> Option<Arc<SolidTexture>> {
-    let name = tissue.texture.as_deref()?;
+fn solid(anatomy: &Anatomy, name: &str, seed: u64) -> Option<Arc<SolidTexture>> {
     anatomy.textures.get(name).cloned().or_else(|| bank::make(name, seed).map(Arc::new))
 }
