@@ -13,6 +13,7 @@ use super::lateral::{FWHM_PER_SIGMA, LateralKernel};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
+use crate::simd::vectorised;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
@@ -119,14 +120,16 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, output)| {
-            crate::synth::vectorised(|| scanline(input, line, lines, kernel.reach, weights, output));
+            vectorised(scanline, (input, line, lines, kernel.reach, weights, output));
         });
     std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 
 /// One blurred scanline; `weights` holds a row over the samples for each tap.
 #[inline(always)]
-pub fn scanline<T: Real>(input: &[T], line: usize, lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
+fn scanline<T: Real>(
+    (input, line, lines, reach, weights, output): (&[T], usize, usize, usize, &[T], &mut [T]),
+) {
     const BLOCK: usize = 64;
     let samples = output.len();
     let first = line.saturating_sub(reach);

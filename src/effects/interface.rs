@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
+use crate::simd::vectorised;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
@@ -131,7 +132,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         }
         for start in (1..samples - 1).step_by(BLOCK) {
             let end = (start + BLOCK).min(samples - 1);
-            if crate::synth::vectorised(|| uniform(rows.map(|row| &row[start - 1..end + 1]))) {
+            if vectorised(uniform, rows.map(|row| &row[start - 1..end + 1])) {
                 continue;
             }
             for i in start..end {

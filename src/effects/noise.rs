@@ -13,6 +13,7 @@ use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::random::{hash3, pcg3d, seed_words};
 use crate::real::Real;
+use crate::simd::vectorised;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
@@ -119,24 +120,25 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let width = tables.width();
     let numbers = numbers(view, 0);
-    let scale = T::of(f64::from(numbers.scale));
     store
         .image
         .par_chunks_mut(width)
         .zip(tables.scan_map.par_chunks(width))
         .enumerate()
         .for_each(|(row, (pixels, map))| {
-            crate::synth::vectorised(|| {
-                for (column, (pixel, at)) in pixels.iter_mut().zip(map).enumerate() {
-                    let noise = T::from_signed(deviate(column as i32, row as i32, numbers.frame, numbers.seed)) * scale;
-                    *pixel = if at[0] < 0.0 {
-                        *pixel
-                    } else {
-                        (*pixel + noise).max(T::zero()).min(T::of(255.0))
-                    };
-                }
-            });
+            vectorised(add, (pixels, map, row as i32, &numbers));
         });
+}
+
+/// Adds noise to the pixels of one row that lie in the sector.
+#[inline(always)]
+fn add<T: Real>((pixels, map, row, numbers): (&mut [T], &[[f32; 2]], i32, &Params)) {
+    let scale = T::of(f64::from(numbers.scale));
+    for (column, (pixel, at)) in pixels.iter_mut().zip(map).enumerate() {
+        let noise = T::from_signed(deviate(column as i32, row, numbers.frame, numbers.seed)) * scale;
+        let noisy = (*pixel + noise).max(T::zero()).min(T::of(255.0));
+        *pixel = if at[0] < 0.0 { *pixel } else { noisy };
+    }
 }
 
 /// Zero-mean sum of twelve bytes, -1530 to 1530.

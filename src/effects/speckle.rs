@@ -20,6 +20,7 @@ use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
 use crate::real::{Numbers, Real};
+use crate::simd::vectorised;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
@@ -356,20 +357,28 @@ fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 &positions[next * samples..][..samples],
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
-            let (re, im) = echoes.split_at_mut(samples);
-            crate::synth::vectorised(|| {
-                for start in (0..samples).step_by(BLOCK) {
-                    let end = (start + BLOCK).min(samples);
-                    let mut at = [[T::zero(); BLOCK]; 3];
-                    for axis in 0..3 {
-                        for i in start..end {
-                            at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
-                        }
-                    }
-                    lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
-                }
-            });
+            vectorised(fine_scanline, (&lattice, [a, b], part, amplitudes, echoes));
         });
+}
+
+/// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
+/// imaginary parts.
+#[inline(always)]
+fn fine_scanline<T: Real>(
+    (lattice, [a, b], part, amplitudes, echoes): (&Lattice<T>, [&[[T; 4]]; 2], T, &[T], &mut [T]),
+) {
+    let samples = amplitudes.len();
+    let (re, im) = echoes.split_at_mut(samples);
+    for start in (0..samples).step_by(BLOCK) {
+        let end = (start + BLOCK).min(samples);
+        let mut at = [[T::zero(); BLOCK]; 3];
+        for axis in 0..3 {
+            for i in start..end {
+                at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+            }
+        }
+        lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
+    }
 }
 
 /// The scatterers, seen across the plane.
@@ -476,13 +485,13 @@ fn axial<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(part, output)| {
-            crate::synth::vectorised(|| along(&input[part * samples..][..samples], weights, output));
+            vectorised(along, (&input[part * samples..][..samples], weights, output));
         });
 }
 
 /// Convolution along a scanline; nothing lies beyond its ends.
 #[inline(always)]
-fn along<T: Real>(input: &[T], weights: &[T], output: &mut [T]) {
+fn along<T: Real>((input, weights, output): (&[T], &[T], &mut [T])) {
     let samples = input.len();
     let reach = weights.len() / 2;
     output.fill(T::zero());
@@ -514,14 +523,16 @@ fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
         .enumerate()
         .for_each(|(line, output)| {
             let centre = line * own.oversampling;
-            crate::synth::vectorised(|| envelope(input, centre, fine_lines, own.lateral.reach, weights, output));
+            vectorised(envelope, (input, centre, fine_lines, own.lateral.reach, weights, output));
         });
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it
 /// keeps the power of the whole.
 #[inline(always)]
-fn envelope<T: Real>(input: &[T], centre: usize, fine_lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
+fn envelope<T: Real>(
+    (input, centre, fine_lines, reach, weights, output): (&[T], usize, usize, usize, &[T], &mut [T]),
+) {
     let samples = output.len();
     let first = centre.saturating_sub(reach);
     let last = (centre + reach).min(fine_lines - 1);
