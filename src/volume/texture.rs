@@ -58,7 +58,7 @@ pub enum InvalidTexture {
     },
 }
 
-/// Longest axis, voxels: the linear index of a cube this long still fits the counter of a file of any kind.
+/// Longest axis, voxels: the product of three such axes is far from overflowing.
 const LONGEST_AXIS: usize = 16_384;
 
 impl SolidTexture {
