@@ -46,7 +46,11 @@ pub fn seeded(axis: usize, coordinate: i32, seed: [u32; 2]) -> u32 {
 /// Three words from a lattice point and a seed. Negative coordinates wrap as two's complement.
 #[inline(always)]
 pub fn hash3(point: [i32; 3], seed: [u32; 2]) -> [u32; 3] {
-    pcg3d([seeded(0, point[0], seed), seeded(1, point[1], seed), seeded(2, point[2], seed)])
+    pcg3d([
+        seeded(0, point[0], seed),
+        seeded(1, point[1], seed),
+        seeded(2, point[2], seed),
+    ])
 }
 
 /// A word as a number in [0, 1).

@@ -2,25 +2,30 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Calls `function(arguments)`, compiled for every vector extension that may be there and chosen at run time. Results do not
-/// depend on which: Rust neither fuses nor reorders floating-point operations.
-///
-/// The function must be `#[inline(always)]`: only what is inlined here is compiled for the wide registers. (A closure is not.)
+/// A loop with its arguments. `run` must be `#[inline(always)]`, as must what it calls: only what is inlined into
+/// [`vectorised`] is compiled for the wide registers.
+pub(crate) trait Kernel {
+    /// What it returns.
+    type Output;
+
+    /// Runs the loop.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs a kernel, compiled for every vector extension that may be there and chosen at run time. Results do not depend on
+/// which: Rust neither fuses nor reorders floating-point operations.
 #[inline(always)]
-pub(crate) fn vectorised<A, R>(function: impl FnOnce(A) -> R, arguments: A) -> R {
-    Arch::new().dispatch(Call { function, arguments })
+pub(crate) fn vectorised<K: Kernel>(kernel: K) -> K::Output {
+    Arch::new().dispatch(Call(kernel))
 }
 
-struct Call<F, A> {
-    function: F,
-    arguments: A,
-}
+struct Call<K>(K);
 
-impl<A, R, F: FnOnce(A) -> R> WithSimd for Call<F, A> {
-    type Output = R;
+impl<K: Kernel> WithSimd for Call<K> {
+    type Output = K::Output;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> R {
-        (self.function)(self.arguments)
+    fn with_simd<S: Simd>(self, _: S) -> K::Output {
+        self.0.run()
     }
 }

@@ -20,7 +20,7 @@ use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
 use crate::real::{Numbers, Real};
-use crate::simd::vectorised;
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
@@ -357,27 +357,50 @@ fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 &positions[next * samples..][..samples],
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
-            vectorised(fine_scanline, (&lattice, [a, b], part, amplitudes, echoes));
+            vectorised(FineScanline {
+                lattice: &lattice,
+                between: [a, b],
+                part,
+                amplitudes,
+                echoes,
+            });
         });
 }
 
 /// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
 /// imaginary parts.
-#[inline(always)]
-fn fine_scanline<T: Real>(
-    (lattice, [a, b], part, amplitudes, echoes): (&Lattice<T>, [&[[T; 4]]; 2], T, &[T], &mut [T]),
-) {
-    let samples = amplitudes.len();
-    let (re, im) = echoes.split_at_mut(samples);
-    for start in (0..samples).step_by(BLOCK) {
-        let end = (start + BLOCK).min(samples);
-        let mut at = [[T::zero(); BLOCK]; 3];
-        for axis in 0..3 {
-            for i in start..end {
-                at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+struct FineScanline<'a, T> {
+    lattice: &'a Lattice<T>,
+    between: [&'a [[T; 4]]; 2],
+    part: T,
+    amplitudes: &'a [T],
+    echoes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for FineScanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            lattice,
+            between: [a, b],
+            part,
+            amplitudes,
+            echoes,
+        } = self;
+        let samples = amplitudes.len();
+        let (re, im) = echoes.split_at_mut(samples);
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let mut at = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in start..end {
+                    at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                }
             }
+            lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
         }
-        lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
     }
 }
 
@@ -485,28 +508,43 @@ fn axial<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(part, output)| {
-            vectorised(along, (&input[part * samples..][..samples], weights, output));
+            vectorised(Along {
+                input: &input[part * samples..][..samples],
+                weights,
+                output,
+            });
         });
 }
 
 /// Convolution along a scanline; nothing lies beyond its ends.
-#[inline(always)]
-fn along<T: Real>((input, weights, output): (&[T], &[T], &mut [T])) {
-    let samples = input.len();
-    let reach = weights.len() / 2;
-    output.fill(T::zero());
-    for (tap, &weight) in weights.iter().enumerate() {
-        // output[i] += weight * input[i + tap - reach]
-        let (from, to) = (
-            reach.saturating_sub(tap),
-            (samples + reach).saturating_sub(tap).min(samples),
-        );
-        if from >= to {
-            continue;
-        }
-        let source = &input[from + tap - reach..to + tap - reach];
-        for (out, &value) in output[from..to].iter_mut().zip(source) {
-            *out += weight * value;
+struct Along<'a, T> {
+    input: &'a [T],
+    weights: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Along<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { input, weights, output } = self;
+        let samples = input.len();
+        let reach = weights.len() / 2;
+        output.fill(T::zero());
+        for (tap, &weight) in weights.iter().enumerate() {
+            // output[i] += weight * input[i + tap - reach]
+            let (from, to) = (
+                reach.saturating_sub(tap),
+                (samples + reach).saturating_sub(tap).min(samples),
+            );
+            if from >= to {
+                continue;
+            }
+            let source = &input[from + tap - reach..to + tap - reach];
+            for (out, &value) in output[from..to].iter_mut().zip(source) {
+                *out += weight * value;
+            }
         }
     }
 }
@@ -523,45 +561,71 @@ fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
         .enumerate()
         .for_each(|(line, output)| {
             let centre = line * own.oversampling;
-            vectorised(envelope, (input, centre, fine_lines, own.lateral.reach, weights, output));
+            vectorised(Envelope {
+                input,
+                centre,
+                fine_lines,
+                reach: own.lateral.reach,
+                weights,
+                output,
+            });
         });
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it
 /// keeps the power of the whole.
-#[inline(always)]
-fn envelope<T: Real>(
-    (input, centre, fine_lines, reach, weights, output): (&[T], usize, usize, usize, &[T], &mut [T]),
-) {
-    let samples = output.len();
-    let first = centre.saturating_sub(reach);
-    let last = (centre + reach).min(fine_lines - 1);
-    let whole = last - first == 2 * reach;
-    for start in (0..samples).step_by(BLOCK) {
-        let end = (start + BLOCK).min(samples);
-        let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
-        for fine in first..=last {
-            let weights = &weights[(fine + reach - centre) * samples..][start..end];
-            let real = &input[2 * fine * samples..][start..end];
-            let imaginary = &input[(2 * fine + 1) * samples..][start..end];
-            for i in 0..end - start {
-                re[i] += weights[i] * real[i];
-                im[i] += weights[i] * imaginary[i];
+struct Envelope<'a, T> {
+    input: &'a [T],
+    centre: usize,
+    fine_lines: usize,
+    reach: usize,
+    weights: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Envelope<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            input,
+            centre,
+            fine_lines,
+            reach,
+            weights,
+            output,
+        } = self;
+        let samples = output.len();
+        let first = centre.saturating_sub(reach);
+        let last = (centre + reach).min(fine_lines - 1);
+        let whole = last - first == 2 * reach;
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+            for fine in first..=last {
+                let weights = &weights[(fine + reach - centre) * samples..][start..end];
+                let real = &input[2 * fine * samples..][start..end];
+                let imaginary = &input[(2 * fine + 1) * samples..][start..end];
+                for i in 0..end - start {
+                    re[i] += weights[i] * real[i];
+                    im[i] += weights[i] * imaginary[i];
+                }
             }
-        }
-        for i in 0..end - start {
-            output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
-        }
-        if !whole {
-            for i in start..end {
-                let power = |taps: std::ops::RangeInclusive<usize>| {
-                    let mut sum = T::zero();
-                    for tap in taps {
-                        sum += weights[tap * samples + i] * weights[tap * samples + i];
-                    }
-                    sum
-                };
-                output[i] *= (power(0..=2 * reach) / power(first + reach - centre..=last + reach - centre)).sqrt();
+            for i in 0..end - start {
+                output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
+            }
+            if !whole {
+                for i in start..end {
+                    let power = |taps: std::ops::RangeInclusive<usize>| {
+                        let mut sum = T::zero();
+                        for tap in taps {
+                            sum += weights[tap * samples + i] * weights[tap * samples + i];
+                        }
+                        sum
+                    };
+                    output[i] *= (power(0..=2 * reach) / power(first + reach - centre..=last + reach - centre)).sqrt();
+                }
             }
         }
     }
