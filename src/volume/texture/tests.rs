@@ -276,3 +276,10 @@ fn the_shader_struct_has_the_layout_of_the_entry() {
     assert_eq!(offsets, expected);
     assert_eq!(*span as usize, size_of::<AtlasEntry>());
 }
+
+proptest::proptest! {
+    #[test]
+    fn wrapping_is_the_euclidean_remainder(index in proptest::num::i32::ANY, length in 1i32..5000) {
+        proptest::prop_assert_eq!(super::wrap(index, length), index.rem_euclid(length));
+    }
+}
