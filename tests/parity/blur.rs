@@ -9,7 +9,9 @@ use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
 
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(kernel) = &step.tables.blur else { panic!("{}: blur without a kernel", step.case.name) };
+    let Some(kernel) = &step.tables.blur else {
+        panic!("{}: blur without a kernel", step.case.name)
+    };
     let (lines, samples) = (step.lines(), step.samples());
     let before = std::mem::take(&mut slack.amplitude);
     slack.amplitude = vec![0.0; before.len()];
@@ -39,7 +41,12 @@ fn narrow_and_wide_blurs_on_every_probe_shape() {
         for (width_mm, growth_mm_cm) in [(0.6, 0.06), (0.0, 0.0), (12.0, 2.0)] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
             settings.effects.blur = Some(Blur { width_mm, growth_mm_cm });
-            cases.push(Case::new(format!("{name}, {width_mm} mm"), scenes::random_anatomy(), settings, scenes::oblique_pose()));
+            cases.push(Case::new(
+                format!("{name}, {width_mm} mm"),
+                scenes::random_anatomy(),
+                settings,
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("blur", &cases);

@@ -25,10 +25,19 @@ pub struct Trail {
 impl Trail {
     /// Runs the plan up to each pass in turn.
     pub fn of(synthesizer: &mut Synthesizer, state: &FrameState) -> Self {
-        let passes: Vec<&'static str> = synthesizer.plan().passes.iter().map(|planned| planned.pass.name).collect();
+        let passes: Vec<&'static str> = synthesizer
+            .plan()
+            .passes
+            .iter()
+            .map(|planned| planned.pass.name)
+            .collect();
         let beams = passes
             .iter()
-            .map(|pass| synthesizer.render_until(pass, state).unwrap_or_else(|error| panic!("{pass}: {error}")))
+            .map(|pass| {
+                synthesizer
+                    .render_until(pass, state)
+                    .unwrap_or_else(|error| panic!("{pass}: {error}"))
+            })
             .collect();
         Self { passes, beams }
     }

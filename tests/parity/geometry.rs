@@ -12,7 +12,9 @@ use crate::support::scene::{self, SHAPES};
 const TERM: f64 = 4.0 + 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
-    slack.position = (0..step.lines() * step.samples()).map(|index| position(step, index, 0.0)).collect();
+    slack.position = (0..step.lines() * step.samples())
+        .map(|index| position(step, index, 0.0))
+        .collect();
     slack.torn = vec![false; slack.position.len()];
     // The passes that follow overwrite what is left of the last frame; nothing is compared before they do.
     slack.amplitude = vec![0.0; slack.position.len()];
@@ -37,7 +39,12 @@ fn every_probe_shape() {
         .iter()
         .map(|&(name, shape)| {
             let probe = scene::probe(shape, 40.0, 24, 96);
-            Case::new(name, scenes::random_anatomy(), scene::settings(probe, scene::bare()), scenes::oblique_pose())
+            Case::new(
+                name,
+                scenes::random_anatomy(),
+                scene::settings(probe, scene::bare()),
+                scenes::oblique_pose(),
+            )
         })
         .collect();
     check_all("geometry of every probe shape", &cases);
@@ -66,5 +73,8 @@ fn one_line_one_sample_one_pixel() {
 fn far_from_the_origin_of_the_world() {
     let (anatomy, state) = scenes::far_away();
     let settings = scene::settings(scene::small_probe(), scenes::all_effects());
-    check_all("a volume 900 mm away", &[Case::new("far away", anatomy, settings, state)]);
+    check_all(
+        "a volume 900 mm away",
+        &[Case::new("far away", anatomy, settings, state)],
+    );
 }

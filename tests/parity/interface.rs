@@ -20,14 +20,16 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let spacing = tables.line_spacing.of::<f64>();
     let patch = |labels: &[u8], line: usize, sample: usize| -> [[f64; 3]; 3] {
         [line.saturating_sub(1), line, (line + 1).min(lines - 1)].map(|line| {
-            [sample - 1, sample, sample + 1].map(|sample| {
-                f64::from(tables.label_rows[usize::from(labels[line * samples + sample])].impedance)
-            })
+            [sample - 1, sample, sample + 1]
+                .map(|sample| f64::from(tables.label_rows[usize::from(labels[line * samples + sample])].impedance))
         })
     };
     for line in 0..lines {
         for sample in 1..samples.saturating_sub(1) {
-            let (z, twin) = (patch(&step.after.label, line, sample), patch(&step.twin.label, line, sample));
+            let (z, twin) = (
+                patch(&step.after.label, line, sample),
+                patch(&step.twin.label, line, sample),
+            );
             let share = |z| reflection(z, tables.sample_mm(), spacing[sample], own.directivity);
             let index = line * samples + sample;
             slack.amplitude[index] += mirror * ((share(z) - share(twin)).abs() + rounding(twin, &own))
@@ -55,7 +57,9 @@ fn rounding(z: [[f64; 3]; 3], own: &Interface) -> f64 {
     // the power; of the quotient by the total; of the products.
     let cosine = 2.0 * (DIVIDE + 1.5 * ULP) + 2.0 * ULP + ROOT + DIVIDE;
     let reflected = (far - near).abs() / total;
-    let worst_power = (0..=64).map(|at| f64::from(at) / 64.0).map(|c| c.powf(own.directivity) * pow(c, own.directivity));
+    let worst_power = (0..=64)
+        .map(|at| f64::from(at) / 64.0)
+        .map(|c| c.powf(own.directivity) * pow(c, own.directivity));
     let power = worst_power.fold(0.0f64, f64::max) * 1.1;
     differences + reflected * (own.directivity * cosine + power + DIVIDE + 6.0 * ULP)
 }
@@ -65,9 +69,22 @@ fn steps_of_impedance_on_every_probe_shape() {
     let mut cases = Vec::new();
     for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
-        settings.effects.interface = Some(Interface { directivity: [0.0, 1.0, 6.0, 20.0, 64.0][at], ..Default::default() });
-        cases.push(Case::new(name, scenes::random_anatomy(), settings.clone(), scenes::oblique_pose()));
-        cases.push(Case::new(format!("{name}, ball"), scenes::ball(), settings, scene::straight()));
+        settings.effects.interface = Some(Interface {
+            directivity: [0.0, 1.0, 6.0, 20.0, 64.0][at],
+            ..Default::default()
+        });
+        cases.push(Case::new(
+            name,
+            scenes::random_anatomy(),
+            settings.clone(),
+            scenes::oblique_pose(),
+        ));
+        cases.push(Case::new(
+            format!("{name}, ball"),
+            scenes::ball(),
+            settings,
+            scene::straight(),
+        ));
     }
     check_all("interface", &cases);
 }

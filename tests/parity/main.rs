@@ -55,7 +55,10 @@ fn gpu_tests_run_or_are_counted_as_skipped() {
     ];
     let tests: usize = sources.iter().map(|source| source.matches("#[test]").count()).sum();
     match gpu_or_skip("the parity tests") {
-        Some(gpu) => println!("{tests} parity tests compare both CPU precisions and {}", gpu.report().name),
+        Some(gpu) => println!(
+            "{tests} parity tests compare both CPU precisions and {}",
+            gpu.report().name
+        ),
         None => println!("SKIPPED: the GPU half of {tests} parity tests; the CPU half ran"),
     }
 }

@@ -34,7 +34,13 @@ impl Segment {
         let length = span.norm();
         // Ends stored (1/2 each), difference (1), over the length; length by products, sums and a root; division.
         let axis_off = 2.0 * ULP * size / length + (2.0 * ULP + ROOT + 2.0 * 2.0 * ULP * size / length + DIVIDE);
-        Self { start: start.coords, axis: span / length, length, axis_off, size }
+        Self {
+            start: start.coords,
+            axis: span / length,
+            length,
+            axis_off,
+            size,
+        }
     }
 
     /// Bound on the error of the share at a point of the plane that is known to `off` mm.
@@ -55,10 +61,13 @@ impl Segment {
         let b = w.z;
         let c = w.norm_squared() - plane.radius * plane.radius;
         let a_off = 2.0 * u.z.abs() * self.axis_off + self.axis_off * self.axis_off + 2.0 * ULP;
-        let c_off = 2.0 * 3f64.sqrt() * w.norm() * w_off + 3.0 * w_off * w_off + 4.0 * ULP * (w.norm_squared() + plane.radius.powi(2));
+        let c_off = 2.0 * 3f64.sqrt() * w.norm() * w_off
+            + 3.0 * w_off * w_off
+            + 4.0 * ULP * (w.norm_squared() + plane.radius.powi(2));
         let mut sides = 0.0;
         if a > 1e-3 {
-            let square_off = 2.0 * b.abs() * w_off + w_off * w_off + a * c_off + c.abs() * a_off + 3.0 * ULP * (b * b + a * c.abs());
+            let square_off =
+                2.0 * b.abs() * w_off + w_off * w_off + a * c_off + c.abs() * a_off + 3.0 * ULP * (b * b + a * c.abs());
             let square = b * b - a * c;
             if square < -square_off {
                 return 0.0;
@@ -101,7 +110,10 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         reverberation_mm: own.reverberation_mm as f32,
         ..bytemuck::Zeroable::zeroed()
     };
-    let plane = Plane { radius: f64::from(numbers.radius_mm), thickness: f64::from(numbers.thickness_mm) };
+    let plane = Plane {
+        radius: f64::from(numbers.radius_mm),
+        thickness: f64::from(numbers.thickness_mm),
+    };
     for pair in nodes.windows(2) {
         let segment = Segment::new(pair[0], pair[1]);
         for line in 0..step.lines() {
@@ -145,13 +157,22 @@ fn squareness(cosine: f64, cosine_off: f64, power: f64) -> (f64, f64) {
     let moved = (sine + sine_off).powf(power) - (sine - sine_off).max(0.0).powf(power);
     let top = (sine + sine_off).min(1.0);
     let exponent = power * top.log2();
-    (value, moved + top.powf(power) * exp2(exponent, power * log2(top.log2()) + ULP * exponent.abs()))
+    (
+        value,
+        moved + top.powf(power) * exp2(exponent, power * log2(top.log2()) + ULP * exponent.abs()),
+    )
 }
 
 /// A straight needle through the small probe's plane, in and out of it by angle and offset.
 fn shaft(points: &[[f64; 3]], state: &mut insonify::synth::FrameState) {
-    let nodes = points.iter().map(|&point| state.probe_to_world.transform_point(&point.into())).collect();
-    state.needle = Some(NeedleShaft { nodes, diameter_mm: 1.3 });
+    let nodes = points
+        .iter()
+        .map(|&point| state.probe_to_world.transform_point(&point.into()))
+        .collect();
+    state.needle = Some(NeedleShaft {
+        nodes,
+        diameter_mm: 1.3,
+    });
 }
 
 #[test]
@@ -162,8 +183,14 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
         ("oblique", &[[-18.0, 4.0, -7.0], [9.0, 31.0, 5.0]]),
         ("across the plane", &[[1.0, 20.0, -15.0], [1.0, 20.0, 15.0]]),
         ("along a beam", &[[0.1, 2.0, 0.0], [0.1, 33.0, 0.0]]),
-        ("bent in the plane", &[[-18.0, 4.0, 0.0], [-8.0, 12.0, 0.0], [0.0, 21.0, 0.0], [5.0, 33.0, 0.0]]),
-        ("bent out of the plane", &[[-18.0, 4.0, 0.0], [-8.0, 12.0, 0.1], [0.0, 21.0, 0.8], [5.0, 33.0, 3.0]]),
+        (
+            "bent in the plane",
+            &[[-18.0, 4.0, 0.0], [-8.0, 12.0, 0.0], [0.0, 21.0, 0.0], [5.0, 33.0, 0.0]],
+        ),
+        (
+            "bent out of the plane",
+            &[[-18.0, 4.0, 0.0], [-8.0, 12.0, 0.1], [0.0, 21.0, 0.8], [5.0, 33.0, 3.0]],
+        ),
         ("a point", &[[1.0, 20.0, 0.0], [1.0, 20.0, 0.001]]),
     ];
     let mut cases = Vec::new();
@@ -171,10 +198,18 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
         let (kind, shape) = SHAPES[at % SHAPES.len()];
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.has_needle = true;
-        settings.effects.needle = Some(NeedleEcho { thickness_mm: (at % 2 == 1).then_some(2.0), ..Default::default() });
+        settings.effects.needle = Some(NeedleEcho {
+            thickness_mm: (at % 2 == 1).then_some(2.0),
+            ..Default::default()
+        });
         let mut state = scenes::oblique_pose();
         shaft(points, &mut state);
-        cases.push(Case::new(format!("{name}, {kind}"), scenes::random_anatomy(), settings, state));
+        cases.push(Case::new(
+            format!("{name}, {kind}"),
+            scenes::random_anatomy(),
+            settings,
+            state,
+        ));
     }
     check_all("needles", &cases);
 }
@@ -183,5 +218,13 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
 fn no_needle_in_this_frame() {
     let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
     settings.has_needle = true;
-    check_all("no needle", &[Case::new("no needle", scenes::random_anatomy(), settings, scenes::oblique_pose())]);
+    check_all(
+        "no needle",
+        &[Case::new(
+            "no needle",
+            scenes::random_anatomy(),
+            settings,
+            scenes::oblique_pose(),
+        )],
+    );
 }

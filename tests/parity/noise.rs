@@ -14,15 +14,26 @@ const SUM_STD: f64 = 255.998_046_867_549_4;
 
 /// Adds the noise of a frame to grey levels known to within a bound.
 pub fn carry(tables: &Tables, frame: u64, image: &mut [[f64; 2]]) {
-    let Some(own) = &tables.settings.effects.noise else { return };
+    let Some(own) = &tables.settings.effects.noise else {
+        return;
+    };
     let scale = f64::from((own.std_grey / SUM_STD) as f32);
     for (index, (pixel, at)) in image.iter_mut().zip(&tables.scan_map).enumerate() {
         if at[0] < 0.0 {
             continue;
         }
         let (row, column) = (index / tables.width(), index % tables.width());
-        let noise = scale * f64::from(deviate(column as i32, row as i32, frame as u32, seed_words(tables.settings.seed)));
-        *pixel = [(pixel[0] + noise).clamp(0.0, 255.0), pixel[1] + ULP * (2.0 * noise.abs() + pixel[0])];
+        let noise = scale
+            * f64::from(deviate(
+                column as i32,
+                row as i32,
+                frame as u32,
+                seed_words(tables.settings.seed),
+            ));
+        *pixel = [
+            (pixel[0] + noise).clamp(0.0, 255.0),
+            pixel[1] + ULP * (2.0 * noise.abs() + pixel[0]),
+        ];
     }
 }
 
@@ -35,7 +46,12 @@ fn noise_of_several_frames_and_strengths() {
         settings.effects.tone = Some(Default::default());
         let mut state = scenes::oblique_pose();
         state.frame = frame;
-        cases.push(Case::new(format!("frame {frame}, {std_grey}"), scenes::random_anatomy(), settings, state));
+        cases.push(Case::new(
+            format!("frame {frame}, {std_grey}"),
+            scenes::random_anatomy(),
+            settings,
+            state,
+        ));
     }
     check_all("noise", &cases);
 }

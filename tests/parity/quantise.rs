@@ -16,7 +16,12 @@ fn rows_that_are_no_whole_words() {
     let mut cases = Vec::new();
     for width in [1, 2, 3, 5, 255, 256, 258] {
         let settings = scene::sized(scene::small_probe(), scenes::all_effects(), width, 9);
-        cases.push(Case::new(format!("{width} columns"), scenes::random_anatomy(), settings, scenes::oblique_pose()));
+        cases.push(Case::new(
+            format!("{width} columns"),
+            scenes::random_anatomy(),
+            settings,
+            scenes::oblique_pose(),
+        ));
     }
     check_all("words", &cases);
 }

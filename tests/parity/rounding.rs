@@ -36,5 +36,9 @@ pub fn pow(x: f64, y: f64) -> f64 {
 
 /// How far a square root may move where its argument, at least 0, is off by `off`.
 pub fn root_off(argument: f64, off: f64) -> f64 {
-    if argument <= off { off.sqrt() * std::f64::consts::SQRT_2 } else { off / argument.sqrt() }
+    if argument <= off {
+        off.sqrt() * std::f64::consts::SQRT_2
+    } else {
+        off / argument.sqrt()
+    }
 }

@@ -33,7 +33,12 @@ fn pixels_of_every_probe_shape_at_odd_sizes() {
         for (width, height) in [(64, 48), (257, 31), (3, 200), (1, 1)] {
             let probe = scene::probe(shape, 40.0, 24, 96);
             let settings = scene::sized(probe, scene::bare(), width, height);
-            cases.push(Case::new(format!("{name} {width} x {height}"), scenes::random_anatomy(), settings, scenes::oblique_pose()));
+            cases.push(Case::new(
+                format!("{name} {width} x {height}"),
+                scenes::random_anatomy(),
+                settings,
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("scan conversion", &cases);

@@ -42,19 +42,33 @@ pub fn random_anatomy() -> Anatomy {
 
 /// The same in an oblique, anisotropic frame.
 pub fn oblique_anatomy() -> Anatomy {
-    textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0).oblique(), &tissues(), 2))
+    textured(anatomy::random(
+        Frame::around(CENTRE, [40; 3], 1.0).oblique(),
+        &tissues(),
+        2,
+    ))
 }
 
 /// Random labels that neither attenuate nor occlude.
 pub fn unattenuating() -> Anatomy {
-    let tissues: Vec<Acoustics> =
-        tissues().into_iter().map(|own| Acoustics { attenuation_db_cm_mhz: 0.0, occlusion_per_mm: 0.0, ..own }).collect();
+    let tissues: Vec<Acoustics> = tissues()
+        .into_iter()
+        .map(|own| Acoustics {
+            attenuation_db_cm_mhz: 0.0,
+            occlusion_per_mm: 0.0,
+            ..own
+        })
+        .collect();
     textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 1))
 }
 
 /// Voxels of 1 mm whose faces lie at whole and half millimetres of the world.
 pub fn unit_voxels() -> Anatomy {
-    textured(anatomy::random(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), &tissues(), 3))
+    textured(anatomy::random(
+        Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
+        &tissues(),
+        3,
+    ))
 }
 
 /// The same with a mesh of cells of 4 mm over its middle.
@@ -64,20 +78,29 @@ pub fn on_a_lattice() -> Anatomy {
 
 /// A ball in a box before a straight probe.
 pub fn ball() -> Anatomy {
-    textured(anatomy::ball(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), [1.0, 19.0, 0.0], 9.0, &tissues()))
+    textured(anatomy::ball(
+        Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
+        [1.0, 19.0, 0.0],
+        9.0,
+        &tissues(),
+    ))
 }
 
 /// Three layers before a straight probe; no sample of the grids used comes near a boundary.
 pub fn flat_layers() -> Anatomy {
-    anatomy::layers(Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).wide(), &[3.37, 21.7, 44.9], &{
-        let mut tissues = tissues();
-        tissues.truncate(4);
-        for own in &mut tissues {
-            own.texture = None;
-        }
-        tissues[0] = PLAIN;
-        tissues
-    })
+    anatomy::layers(
+        Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).wide(),
+        &[3.37, 21.7, 44.9],
+        &{
+            let mut tissues = tissues();
+            tissues.truncate(4);
+            for own in &mut tissues {
+                own.texture = None;
+            }
+            tissues[0] = PLAIN;
+            tissues
+        },
+    )
 }
 
 impl Frame {
@@ -106,7 +129,10 @@ pub fn far_away() -> (Anatomy, FrameState) {
     let centre = [310.0, -440.0, 720.0];
     let anatomy = textured(anatomy::random(Frame::around(centre, [40; 3], 1.0), &tissues(), 4));
     let [x, y, z] = centre;
-    (anatomy, scene::aimed([x - 9.0, y - 17.0, z + 3.0], [x + 4.0, y + 9.0, z - 2.0], 0.7))
+    (
+        anatomy,
+        scene::aimed([x - 9.0, y - 17.0, z + 3.0], [x + 4.0, y + 9.0, z - 2.0], 0.7),
+    )
 }
 
 /// Random labels under a mesh smaller than the volume, pressed in and swirled: parts of the beam lie in the mesh, outside
@@ -114,7 +140,11 @@ pub fn far_away() -> (Anatomy, FrameState) {
 pub fn pressed() -> (Anatomy, FrameState) {
     let [x, y, z] = CENTRE;
     let mut anatomy = random_anatomy();
-    anatomy = anatomy::with_mesh(anatomy, [[x - 14.0, y - 13.0, z - 12.0], [x + 12.0, y + 14.0, z + 13.0]], 200);
+    anatomy = anatomy::with_mesh(
+        anatomy,
+        [[x - 14.0, y - 13.0, z - 12.0], [x + 12.0, y + 14.0, z + 13.0]],
+        200,
+    );
     let mut state = oblique_pose();
     let press = Displacement::Indentation {
         centre_mm: [x - 4.0, y - 10.0, z],
@@ -144,8 +174,13 @@ pub fn pressed() -> (Anatomy, FrameState) {
 /// A bent needle that leaves the plane of a pose.
 pub fn with_needle(mut state: FrameState) -> FrameState {
     let points = [[-16.0, 3.0, 0.2], [-7.0, 11.0, 0.1], [1.0, 20.0, 0.3], [6.0, 31.0, 1.1]];
-    let nodes = points.map(|point| state.probe_to_world.transform_point(&point.into())).to_vec();
-    state.needle = Some(NeedleShaft { nodes, diameter_mm: 1.2 });
+    let nodes = points
+        .map(|point| state.probe_to_world.transform_point(&point.into()))
+        .to_vec();
+    state.needle = Some(NeedleShaft {
+        nodes,
+        diameter_mm: 1.2,
+    });
     state
 }
 

@@ -11,7 +11,12 @@ use crate::support::scene::{self, SHAPES};
 pub fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let needle = tables.settings.has_needle.then(|| {
-        let db_mm = tables.settings.effects.shadow.as_ref().map_or(0.0, |own| own.needle_db_mm);
+        let db_mm = tables
+            .settings
+            .effects
+            .shadow
+            .as_ref()
+            .map_or(0.0, |own| own.needle_db_mm);
         f64::from(units(db_mm * tables.sample_mm()))
     });
     let tissue = |label: u8| f64::from(tables.label_rows[usize::from(label)].loss);
@@ -41,8 +46,10 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             // Units stored (1/2), the factor stored (1/2), product (1); then the exponential and a product.
             let relative = exp2(exponent, 2.0 * ULP * exponent) + ULP;
             let amplitude = step.before.amplitude[index];
-            slack.amplitude[index] =
-                slack.amplitude[index] * most + amplitude * (most - least) + amplitude * most * relative.min(1.0) + TINY * (1.0 + amplitude);
+            slack.amplitude[index] = slack.amplitude[index] * most
+                + amplitude * (most - least)
+                + amplitude * most * relative.min(1.0)
+                + TINY * (1.0 + amplitude);
         }
     }
 }
@@ -55,7 +62,12 @@ fn attenuation_and_occlusion_on_every_probe_shape() {
         for samples in [96, 255, 256, 257, 700] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 5, samples), scene::bare());
             settings.effects.shadow = Some(Default::default());
-            cases.push(Case::new(format!("{name}, {samples} samples"), scenes::random_anatomy(), settings, scenes::oblique_pose()));
+            cases.push(Case::new(
+                format!("{name}, {samples} samples"),
+                scenes::random_anatomy(),
+                settings,
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("shadow", &cases);
@@ -68,8 +80,18 @@ fn the_needle_shades() {
     settings.effects.needle = Some(Default::default());
     settings.effects.shadow = Some(Default::default());
     let cases = [
-        Case::new("needle and tissue", scenes::random_anatomy(), settings.clone(), scenes::with_needle(scenes::oblique_pose())),
-        Case::new("needle alone", scenes::unattenuating(), settings, scenes::with_needle(scenes::oblique_pose())),
+        Case::new(
+            "needle and tissue",
+            scenes::random_anatomy(),
+            settings.clone(),
+            scenes::with_needle(scenes::oblique_pose()),
+        ),
+        Case::new(
+            "needle alone",
+            scenes::unattenuating(),
+            settings,
+            scenes::with_needle(scenes::oblique_pose()),
+        ),
     ];
     check_all("needle shadow", &cases);
 }

@@ -65,8 +65,18 @@ pub fn check(case: &Case, exact: &Synthesizer, trail: &Trail, twin: &mut Synthes
         };
         carry(pass, &step, &mut slack);
         compare(&format!("{name} after {pass}"), &step, &slack);
+        if *pass == "speckle_lateral" {
+            speckle::check_typical(&name, &step, &slack);
+        }
     }
-    frame::check_pixels(case, &name, exact.tables(), &trail.beams[trail.beams.len() - 1], &slack, twin);
+    frame::check_pixels(
+        case,
+        &name,
+        exact.tables(),
+        &trail.beams[trail.beams.len() - 1],
+        &slack,
+        twin,
+    );
 }
 
 /// Takes the bounds past one pass.
@@ -104,7 +114,12 @@ fn compare(name: &str, step: &Step, slack: &Slack) {
         }
         assert_eq!(a[3], b[3], "{}: flag", at(index));
         for axis in 0..3 {
-            within(|| format!("{}: axis {axis}", at(index)), a[axis], b[axis], slack.position[index][axis]);
+            within(
+                || format!("{}: axis {axis}", at(index)),
+                a[axis],
+                b[axis],
+                slack.position[index][axis],
+            );
         }
     }
     let fields: [(&str, &[f64], &[f64], &[f64]); 2] = [
@@ -115,7 +130,12 @@ fn compare(name: &str, step: &Step, slack: &Slack) {
         assert_eq!(exact.len(), twin.len(), "{name}: {what}");
         for (index, (&a, &b)) in exact.iter().zip(twin).enumerate() {
             // What no pass has written yet is zero on all backends.
-            within(|| format!("{}: {what}", at(index)), a, b, slack.get(index).copied().unwrap_or(0.0));
+            within(
+                || format!("{}: {what}", at(index)),
+                a,
+                b,
+                slack.get(index).copied().unwrap_or(0.0),
+            );
         }
     }
     assert_eq!(exact.loss.len(), twin.loss.len(), "{name}: loss");
@@ -128,5 +148,9 @@ fn compare(name: &str, step: &Step, slack: &Slack) {
 fn within(place: impl Fn() -> String, exact: f64, twin: f64, slack: f64) {
     assert!(slack.is_finite(), "{}: the bound is {slack}", place());
     let off = (twin - exact).abs();
-    assert!(off <= slack, "{}: {twin} instead of {exact}: off by {off:e}, at most {slack:e} by rounding", place());
+    assert!(
+        off <= slack,
+        "{}: {twin} instead of {exact}: off by {off:e}, at most {slack:e} by rounding",
+        place()
+    );
 }

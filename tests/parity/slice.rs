@@ -97,8 +97,9 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8
         for j in first[1]..=last[1] {
             for i in first[0]..=last[0] {
                 let corner = [i, j, k];
-                let weight: f64 =
-                    (0..3).map(|axis| (1.0 - (index[axis] - corner[axis] as f64).abs()).max(0.0)).product();
+                let weight: f64 = (0..3)
+                    .map(|axis| (1.0 - (index[axis] - corner[axis] as f64).abs()).max(0.0))
+                    .product();
                 let voxel = std::array::from_fn(|axis| corner[axis].clamp(0, size[axis] as i64 - 1) as usize);
                 let label = tables.volume.voxels()[tables.volume.offset(voxel)];
                 shares[usize::from(label)] += weight;
@@ -107,17 +108,29 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8
         }
     }
     let most = shares.iter().fold(0.0f64, |a, &b| a.max(b));
-    labels.extend(reached.iter().filter(|&&label| shares[usize::from(label)] >= most - 2.0 * (off + SHARE * ULP)));
+    labels.extend(
+        reached
+            .iter()
+            .filter(|&&label| shares[usize::from(label)] >= most - 2.0 * (off + SHARE * ULP)),
+    );
 }
 
 #[test]
 fn random_labels_by_nearest_voxel_and_by_vote() {
     let mut cases = Vec::new();
-    for (name, anatomy) in [("axis-aligned", scenes::random_anatomy()), ("oblique", scenes::oblique_anatomy())] {
+    for (name, anatomy) in [
+        ("axis-aligned", scenes::random_anatomy()),
+        ("oblique", scenes::oblique_anatomy()),
+    ] {
         for boundary in [Boundary::Nearest, Boundary::Vote] {
             let mut settings = scene::settings(scene::probe(scene::SHAPES[1].1, 40.0, 64, 256), scene::bare());
             settings.effects.slice.boundary = boundary;
-            cases.push(Case::new(format!("{name} {boundary:?}"), anatomy.clone(), settings, scenes::oblique_pose()));
+            cases.push(Case::new(
+                format!("{name} {boundary:?}"),
+                anatomy.clone(),
+                settings,
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("labels", &cases);
@@ -131,7 +144,12 @@ fn samples_on_voxel_faces() {
         let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
         let mut settings = scene::settings(scene::probe(shape, 40.0, 49, 160), scene::bare());
         settings.effects.slice.boundary = boundary;
-        cases.push(Case::new(format!("{boundary:?}"), scenes::unit_voxels(), settings, scene::straight()));
+        cases.push(Case::new(
+            format!("{boundary:?}"),
+            scenes::unit_voxels(),
+            settings,
+            scene::straight(),
+        ));
     }
     check_all("faces", &cases);
 }
@@ -145,6 +163,9 @@ fn far_samples_are_possible_labels_only_at_faces() {
     let off = [1e-6; 3];
     let middle = possible_labels(tables, [0.0, 20.0, 0.0, 0.0], off);
     assert_eq!(middle.len(), 1, "the middle of a voxel leaves no doubt: {middle:?}");
-    assert_eq!(possible_labels(tables, [0.0, 500.0, 0.0, 0.0], off), BTreeSet::from([0]));
+    assert_eq!(
+        possible_labels(tables, [0.0, 500.0, 0.0, 0.0], off),
+        BTreeSet::from([0])
+    );
     assert_eq!(possible_labels(tables, [0.0, 20.0, 0.0, 1.0], off), BTreeSet::from([0]));
 }

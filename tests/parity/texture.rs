@@ -20,8 +20,16 @@ const MIXES: f64 = 3.0 * 4.0 + 3.0;
 const APPLY: f64 = 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(atlas) = &step.tables.atlas else { panic!("{}: a texture pass without an atlas", step.case.name) };
-    let strength = step.tables.settings.effects.texture.as_ref().map_or(0.0, |texture| texture.strength);
+    let Some(atlas) = &step.tables.atlas else {
+        panic!("{}: a texture pass without an atlas", step.case.name)
+    };
+    let strength = step
+        .tables
+        .settings
+        .effects
+        .texture
+        .as_ref()
+        .map_or(0.0, |texture| texture.strength);
     for index in 0..step.after.amplitude.len() {
         let [x, y, z, _] = step.after.position[index];
         let row = |label: u8| step.tables.label_rows[usize::from(label)];
@@ -44,7 +52,9 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 
 /// How far a look-up may be off, and the largest value that it can give.
 fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) {
-    let Some(atlas) = &step.tables.atlas else { return (0.0, 0.0) };
+    let Some(atlas) = &step.tables.atlas else {
+        return (0.0, 0.0);
+    };
     let placed = &atlas.entries[entry];
     let count: usize = placed.size.iter().map(|&n| n as usize).product();
     let data = &atlas.data[placed.offset as usize..][..count];
@@ -69,7 +79,12 @@ fn solid_textures_on_every_probe_shape() {
     for (name, shape) in SHAPES {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.effects.texture = Some(Texture { strength: 0.7 });
-        cases.push(Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose()));
+        cases.push(Case::new(
+            name,
+            scenes::random_anatomy(),
+            settings,
+            scenes::oblique_pose(),
+        ));
     }
     check_all("textures", &cases);
 }

@@ -40,7 +40,11 @@ fn plane_slack(step: &Step, z: f64) -> Vec<f64> {
     case.state.probe_to_world *= Matrix4::new_translation(&Vector3::new(0.0, 0.0, z));
     let mut exact = case.exact();
     let mut trail = Trail::of(&mut exact, &case.state);
-    let last = trail.passes.iter().position(|pass| *pass == "texture").or(trail.passes.iter().position(|pass| *pass == "slice"));
+    let last = trail
+        .passes
+        .iter()
+        .position(|pass| *pass == "texture")
+        .or(trail.passes.iter().position(|pass| *pass == "slice"));
     let last = last.expect("a slice pass");
     let mut slack = Slack::default();
     let empty = insonify::synth::layers::Beam::default();
@@ -76,8 +80,15 @@ fn plane_slack(step: &Step, z: f64) -> Vec<f64> {
 
 /// The bounds of `slack`, and where a label is in doubt the whole range of amplitudes.
 fn doubt(tables: &insonify::synth::tables::Tables, beam: &insonify::synth::layers::Beam, slack: &Slack) -> Vec<f64> {
-    let most = tables.label_rows.iter().map(|row| f64::from(row.echo)).fold(0.0, f64::max);
-    let texture = tables.atlas.as_ref().map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
+    let most = tables
+        .label_rows
+        .iter()
+        .map(|row| f64::from(row.echo))
+        .fold(0.0, f64::max);
+    let texture = tables
+        .atlas
+        .as_ref()
+        .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
     let strength = tables.settings.effects.texture.as_ref().map_or(0.0, |own| own.strength);
     let loudest = most * (1.0 + strength * texture);
     (0..beam.label.len())
@@ -94,10 +105,18 @@ fn thick_planes_of_every_probe_shape() {
     let mut cases = Vec::new();
     for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
-        settings.effects.thickness = Some(Thickness { width_mm: 4.0, planes: [3, 5, 7, 9, 5][at] });
+        settings.effects.thickness = Some(Thickness {
+            width_mm: 4.0,
+            planes: [3, 5, 7, 9, 5][at],
+        });
         settings.effects.texture = (at % 2 == 0).then(Default::default);
         settings.effects.slice.boundary = if at == 1 { Boundary::Nearest } else { Boundary::Vote };
-        cases.push(Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose()));
+        cases.push(Case::new(
+            name,
+            scenes::random_anatomy(),
+            settings,
+            scenes::oblique_pose(),
+        ));
     }
     check_all("thickness", &cases);
 }
@@ -106,6 +125,12 @@ fn thick_planes_of_every_probe_shape() {
 fn thick_planes_through_a_deforming_mesh() {
     let (anatomy, state) = scenes::pressed();
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
-    settings.effects.thickness = Some(Thickness { width_mm: 4.0, planes: 5 });
-    check_all("thickness through a warp", &[Case::new("pressed", anatomy, settings, state)]);
+    settings.effects.thickness = Some(Thickness {
+        width_mm: 4.0,
+        planes: 5,
+    });
+    check_all(
+        "thickness through a warp",
+        &[Case::new("pressed", anatomy, settings, state)],
+    );
 }

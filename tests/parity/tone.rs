@@ -36,16 +36,32 @@ fn compressed(tone: &Tone, amplitude: f64) -> [f64; 2] {
     let share = MID_GREY + per_octave * octaves;
     // Constants stored (1/2 each), product and sum.
     let off = per_octave * log2(octaves) + ULP * (1.5 * per_octave * octaves.abs() + 0.5 * MID_GREY + share.abs());
-    [share - off, share + off].map(|share| share.clamp(0.0, 1.0)).map(|share| {
-        let mapped = if tone.gamma == 1.0 { share } else { share.powf(tone.gamma) };
-        (share, mapped)
-    }).map(|(share, mapped)| (mapped, if tone.gamma == 1.0 { 0.0 } else { mapped * (pow(share, tone.gamma) + tone.gamma * 0.5 * ULP * share.max(1e-30).log2().abs()) }))
-    .into_iter()
-    .zip([-1.0, 1.0])
-    .map(|((mapped, off), side)| (255.0 * (mapped + side * (off + ULP * mapped))).clamp(0.0, 255.0))
-    .collect::<Vec<f64>>()
-    .try_into()
-    .expect("two ends")
+    [share - off, share + off]
+        .map(|share| share.clamp(0.0, 1.0))
+        .map(|share| {
+            let mapped = if tone.gamma == 1.0 {
+                share
+            } else {
+                share.powf(tone.gamma)
+            };
+            (share, mapped)
+        })
+        .map(|(share, mapped)| {
+            (
+                mapped,
+                if tone.gamma == 1.0 {
+                    0.0
+                } else {
+                    mapped * (pow(share, tone.gamma) + tone.gamma * 0.5 * ULP * share.max(1e-30).log2().abs())
+                },
+            )
+        })
+        .into_iter()
+        .zip([-1.0, 1.0])
+        .map(|((mapped, off), side)| (255.0 * (mapped + side * (off + ULP * mapped))).clamp(0.0, 255.0))
+        .collect::<Vec<f64>>()
+        .try_into()
+        .expect("two ends")
 }
 
 #[test]
@@ -53,7 +69,15 @@ fn linear_and_compressed_tones() {
     let curves = [
         ("linear", None),
         ("60 dB", Some(Tone::default())),
-        ("30 dB, gamma 0.5", Some(Tone { dynamic_range_db: 30.0, gamma: 0.5, gain_db: -3.0, ..Tone::default() })),
+        (
+            "30 dB, gamma 0.5",
+            Some(Tone {
+                dynamic_range_db: 30.0,
+                gamma: 0.5,
+                gain_db: -3.0,
+                ..Tone::default()
+            }),
+        ),
         (
             "90 dB, gamma 2.2, points",
             Some(Tone {
@@ -71,7 +95,12 @@ fn linear_and_compressed_tones() {
             let mut settings = scene::settings(scene::probe(SHAPES[at].1, 40.0, 24, 96), scene::bare());
             settings.effects.tone = tone.clone();
             settings.effects.speckle = speckled.then(Default::default);
-            cases.push(Case::new(format!("{name}, speckle {speckled}"), scenes::random_anatomy(), settings, scenes::oblique_pose()));
+            cases.push(Case::new(
+                format!("{name}, speckle {speckled}"),
+                scenes::random_anatomy(),
+                settings,
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("tone", &cases);

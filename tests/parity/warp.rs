@@ -60,7 +60,10 @@ impl Tetrahedron {
             reference: Vector3::from(mesh.nodes()[corners[0]]),
             diameter,
             least_height: 1.0 / steepest,
-            largest: points.iter().flat_map(|point| point.iter().copied()).fold(0.0f64, |a, x| a.max(x.abs())),
+            largest: points
+                .iter()
+                .flat_map(|point| point.iter().copied())
+                .fold(0.0f64, |a, x| a.max(x.abs())),
         }
     }
 
@@ -85,7 +88,9 @@ impl Tetrahedron {
         std::array::from_fn(|row| {
             let g = |c: usize| self.gradient[(row, c)].abs();
             // The nodes are stored in single precision; a point inside moves with the average of them.
-            let moved: f64 = (0..3).map(|c| g(c) * (off[c] + 0.5 * ULP * self.largest + ULP * d[c].abs())).sum();
+            let moved: f64 = (0..3)
+                .map(|c| g(c) * (off[c] + 0.5 * ULP * self.largest + ULP * d[c].abs()))
+                .sum();
             let rounded: f64 = (0..3).map(|c| TERM * ULP * g(c) * d[c].abs()).sum();
             moved + rounded + 1.5 * ULP * self.reference[row].abs()
         })
@@ -121,19 +126,31 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, element));
             let least = twin.least_coordinate(world);
             let allowed = twin.coordinate_slack(reach);
-            assert!(least >= -allowed, "{}: outside the element by {least}, at most {allowed} by rounding", whole());
+            assert!(
+                least >= -allowed,
+                "{}: outside the element by {least}, at most {allowed} by rounding",
+                whole()
+            );
             let (chosen, other) = (twin.map(world), exact.map(world));
             let rounding = twin.map_slack(world, off);
             slack.position[index] = std::array::from_fn(|axis| (chosen[axis] - other[axis]).abs() + rounding[axis]);
         } else if exact != twin {
             let far = surface_distance(mesh, current, world);
             let allowed = surface_slack(mesh, current, world, reach);
-            assert!(far <= allowed, "{}: {far} mm from the surface, at most {allowed} by rounding", whole());
+            assert!(
+                far <= allowed,
+                "{}: {far} mm from the surface, at most {allowed} by rounding",
+                whole()
+            );
             slack.torn[index] = true;
         } else if flags[0] != flags[1] {
             let far = surface_distance(mesh, mesh.nodes(), world);
             let allowed = surface_slack(mesh, mesh.nodes(), world, reach);
-            assert!(far <= allowed, "{}: {far} mm from the reference surface, at most {allowed}", whole());
+            assert!(
+                far <= allowed,
+                "{}: {far} mm from the reference surface, at most {allowed}",
+                whole()
+            );
             slack.torn[index] = true;
         }
     }
@@ -169,8 +186,10 @@ fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 
     let mut nearest = f64::INFINITY;
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
         for opposite in (0..4).filter(|&corner| neighbours[corner] == NONE) {
-            let face: Vec<Vector3<f64>> =
-                (0..4).filter(|&c| c != opposite).map(|c| Vector3::from(nodes[corners[c] as usize])).collect();
+            let face: Vec<Vector3<f64>> = (0..4)
+                .filter(|&c| c != opposite)
+                .map(|c| Vector3::from(nodes[corners[c] as usize]))
+                .collect();
             nearest = nearest.min(triangle_distance([face[0], face[1], face[2]], p));
         }
     }
@@ -180,7 +199,9 @@ fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 
 /// Distance from a point to a triangle: to its plane if it projects inside, else to the nearest of its edges.
 fn triangle_distance([a, b, c]: [Vector3<f64>; 3], p: Vector3<f64>) -> f64 {
     let normal = (b - a).cross(&(c - a)).normalize();
-    let inside = [(a, b), (b, c), (c, a)].iter().all(|(from, to)| (to - from).cross(&(p - from)).dot(&normal) >= 0.0);
+    let inside = [(a, b), (b, c), (c, a)]
+        .iter()
+        .all(|(from, to)| (to - from).cross(&(p - from)).dot(&normal) >= 0.0);
     if inside {
         return (p - a).dot(&normal).abs();
     }
@@ -214,7 +235,12 @@ fn samples_on_faces_edges_and_nodes_of_the_mesh() {
     let mut state = scene::straight();
     let anatomy = scenes::on_a_lattice();
     let stretch = Displacement::Affine {
-        matrix: [[1.25, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 8.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+        matrix: [
+            [1.25, 0.0, 0.0, 0.0],
+            [0.0, 0.5, 0.0, 8.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
     };
     let mut nodes = Vec::new();
     stretch.displace(anatomy.mesh.as_ref().expect("a mesh").nodes(), &mut nodes);
@@ -235,7 +261,12 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
     let mut nodes = Vec::new();
     shear.displace(mesh.nodes(), &mut nodes);
     state.nodes = Some(nodes);
-    let case = Case::new("sheared", anatomy, scene::settings(scene::small_probe(), scene::bare()), state);
+    let case = Case::new(
+        "sheared",
+        anatomy,
+        scene::settings(scene::small_probe(), scene::bare()),
+        state,
+    );
     let mut exact = case.exact();
     let world = exact.render_until("geometry", &case.state).expect("positions");
     let warped = exact.render_until("warp", &case.state).expect("positions");
@@ -244,19 +275,35 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
     let inside = |p: [f64; 4], by: f64| (0..3).all(|axis| p[axis] > low[axis] + by && p[axis] < high[axis] - by);
     for (before, after) in world.position.iter().zip(&warped.position) {
         if after[3] == f64::from(MAPPED) {
-            let moved = Point3::new(after[0], after[1], after[2])
-                + Vector3::from(shear.apply([after[0], after[1], after[2]]));
-            assert!((moved.coords - place(*before)).norm() < 1e-11, "{before:?} came from {after:?}");
-            assert!(inside(*after, -1e-9), "a mapped sample comes from inside the mesh: {after:?}");
+            let moved =
+                Point3::new(after[0], after[1], after[2]) + Vector3::from(shear.apply([after[0], after[1], after[2]]));
+            assert!(
+                (moved.coords - place(*before)).norm() < 1e-11,
+                "{before:?} came from {after:?}"
+            );
+            assert!(
+                inside(*after, -1e-9),
+                "a mapped sample comes from inside the mesh: {after:?}"
+            );
             mapped += 1;
         } else {
             assert_eq!(&before[..3], &after[..3], "what is not mapped stays where it is");
             // Background where the reference mesh held the point, outside where neither does.
             let expected = after[3] == f64::from(BACKGROUND);
-            assert!(if expected { inside(*before, -1e-9) } else { !inside(*before, 1e-9) }, "{before:?} {after:?}");
+            assert!(
+                if expected {
+                    inside(*before, -1e-9)
+                } else {
+                    !inside(*before, 1e-9)
+                },
+                "{before:?} {after:?}"
+            );
             background += usize::from(expected);
         }
     }
-    assert!(mapped > 500 && background > 20, "{mapped} mapped, {background} background");
+    assert!(
+        mapped > 500 && background > 20,
+        "{mapped} mapped, {background} background"
+    );
     check_all("shear", &[case]);
 }

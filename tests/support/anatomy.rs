@@ -32,7 +32,10 @@ pub const PLAIN: Acoustics = Acoustics {
 };
 
 /// Nothing comes back from it.
-pub const SILENT: Acoustics = Acoustics { echo_db: -200.0, ..PLAIN };
+pub const SILENT: Acoustics = Acoustics {
+    echo_db: -200.0,
+    ..PLAIN
+};
 
 fn tissue(index: usize, acoustics: Acoustics) -> Tissue {
     Tissue {
@@ -72,7 +75,13 @@ impl Frame {
         let centre = self.index_to_world.transform_point(&middle.into());
         let turn = Rotation3::from_euler_angles(0.31, -0.52, 0.83).to_homogeneous();
         let stretch = Matrix4::new_nonuniform_scaling(&Vector3::new(0.9, 1.2, 1.05));
-        let linear = turn * self.index_to_world.fixed_view::<3, 3>(0, 0).into_owned().to_homogeneous() * stretch;
+        let linear = turn
+            * self
+                .index_to_world
+                .fixed_view::<3, 3>(0, 0)
+                .into_owned()
+                .to_homogeneous()
+            * stretch;
         let back = Translation3::from(-Vector3::from(middle)).to_homogeneous();
         let index_to_world = Translation3::from(centre.coords).to_homogeneous() * linear * back;
         Self { index_to_world, ..self }
@@ -101,7 +110,9 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
     for k in 0..nz {
         for j in 0..ny {
             for i in 0..nx {
-                let world = frame.index_to_world.transform_point(&[i as f64, j as f64, k as f64].into());
+                let world = frame
+                    .index_to_world
+                    .transform_point(&[i as f64, j as f64, k as f64].into());
                 voxels.push(label([world.x, world.y, world.z]));
             }
         }
@@ -117,7 +128,11 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
     Anatomy {
         volume: Arc::new(volume),
         tissues: Arc::new(TissueTable {
-            tissues: tissues.iter().enumerate().map(|(index, &acoustics)| tissue(index, acoustics)).collect(),
+            tissues: tissues
+                .iter()
+                .enumerate()
+                .map(|(index, &acoustics)| tissue(index, acoustics))
+                .collect(),
             of_label: (0..tissues.len() as u8).collect(),
         }),
         textures: BTreeMap::new(),
@@ -127,12 +142,18 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
 
 /// One tissue all over, far beyond any beam of these tests.
 pub fn uniform(acoustics: Acoustics) -> Anatomy {
-    of(Frame::around([0.0, 60.0, 0.0], [4, 4, 4], 100.0), &[SILENT, acoustics], |_| 1)
+    of(
+        Frame::around([0.0, 60.0, 0.0], [4, 4, 4], 100.0),
+        &[SILENT, acoustics],
+        |_| 1,
+    )
 }
 
 /// Slabs across y: label `i + 1` starts at `depths[i]`, mm; above the first is the background.
 pub fn layers(frame: Frame, depths: &[f64], tissues: &[Acoustics]) -> Anatomy {
-    of(frame, tissues, |p| depths.iter().filter(|&&depth| p[1] >= depth).count() as u8)
+    of(frame, tissues, |p| {
+        depths.iter().filter(|&&depth| p[1] >= depth).count() as u8
+    })
 }
 
 /// A ball of label 2 in a box of label 1.
