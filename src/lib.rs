@@ -25,6 +25,7 @@
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
 pub mod effects;
+pub mod error;
 pub mod gpu;
 pub mod mechanics;
 pub mod output;
@@ -32,7 +33,11 @@ pub mod phantom;
 pub mod plan;
 pub mod random;
 pub mod real;
+<<<<<<< HEAD
+pub mod scene;
+=======
 mod simd;
+>>>>>>> 0311df3a6fbfe5259efcde06690c13ae341445cc
 pub mod synth;
 pub mod tissue;
 pub mod tracking;
