@@ -278,7 +278,7 @@ fn default_poses_show_what_they_promise() {
                 Phantom::Abdomen,
                 &[
                     ("liver", 0.15),
-                    ("bile", 0.02),
+                    ("bile", 0.015),
                     ("kidney_cortex", 0.05),
                     ("renal_sinus", 0.002),
                     ("vessel", 0.02),
