@@ -32,6 +32,7 @@ pub mod phantom;
 pub mod plan;
 pub mod random;
 pub mod real;
+pub mod study;
 pub mod synth;
 pub mod tissue;
 pub mod tracking;
