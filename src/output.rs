@@ -3,5 +3,5 @@
 pub mod atomic;
 pub mod overview;
 pub mod png;
-pub mod sidecar;
 pub mod sequence;
+pub mod sidecar;

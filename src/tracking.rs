@@ -6,5 +6,5 @@ pub mod needle;
 pub mod placement;
 pub mod pose;
 pub mod probe;
-pub mod trajectory;
 pub mod sequence;
+pub mod trajectory;

@@ -155,12 +155,18 @@ pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, At
             by_name.insert(name, texture);
         }
     }
-    let made: Vec<&SolidTexture> =
-        tissues.iter().filter_map(|tissue| by_name.get(tissue.texture.as_deref()?)).map(Arc::as_ref).collect();
+    let made: Vec<&SolidTexture> = tissues
+        .iter()
+        .filter_map(|tissue| by_name.get(tissue.texture.as_deref()?))
+        .map(Arc::as_ref)
+        .collect();
     if made.is_empty() {
         return Ok(None);
     }
-    let placements = tissues.iter().map(|tissue| Placement { rotation: tissue.texture_rotation(), scale: tissue.texture_scale });
+    let placements = tissues.iter().map(|tissue| Placement {
+        rotation: tissue.texture_rotation(),
+        scale: tissue.texture_scale,
+    });
     let pairs: Vec<(&SolidTexture, Placement)> = made.into_iter().zip(placements).collect();
     Atlas::pack(&pairs).map(Some)
 }
@@ -168,7 +174,10 @@ pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, At
 /// One more than the atlas entry of a label's tissue; 0 for none.
 pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
     let tissue = anatomy.tissues.of(label);
-    placed(anatomy).iter().position(|placed| placed.name == tissue.name).map_or(0, |at| at as u32 + 1)
+    placed(anatomy)
+        .iter()
+        .position(|placed| placed.name == tissue.name)
+        .map_or(0, |at| at as u32 + 1)
 }
 
 /// Tissues of the volume's labels that have a texture to be found, each once.
@@ -185,5 +194,9 @@ fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
 }
 
 fn solid(anatomy: &Anatomy, name: &str, seed: u64) -> Option<Arc<SolidTexture>> {
-    anatomy.textures.get(name).cloned().or_else(|| bank::make(name, seed).map(Arc::new))
+    anatomy
+        .textures
+        .get(name)
+        .cloned()
+        .or_else(|| bank::make(name, seed).map(Arc::new))
 }

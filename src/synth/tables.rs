@@ -159,7 +159,11 @@ impl Tables {
         let shadow = probe || old.effects.shadow != new.effects.shadow;
         let gain = shadow || old.effects.tone != new.effects.tone;
         let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
-        let atlas = if texture { texture::atlas(&self.anatomy, new)? } else { None };
+        let atlas = if texture {
+            texture::atlas(&self.anatomy, new)?
+        } else {
+            None
+        };
         let mut changed = Vec::new();
         let remap = probe || image_grid != self.image_grid;
 
@@ -328,7 +332,11 @@ impl Tables {
                 echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
                 impedance: tissue.impedance_mrayl as f32,
                 loss: units(db),
-                texture: if self.atlas.is_some() { texture::entry_of(&self.anatomy, label as u8) } else { 0 },
+                texture: if self.atlas.is_some() {
+                    texture::entry_of(&self.anatomy, label as u8)
+                } else {
+                    0
+                },
             }
         };
         (0..self.volume.labels().len()).map(row).collect()
