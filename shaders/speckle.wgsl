@@ -43,7 +43,7 @@ fn scatterer(p: vec3<f32>) -> vec2<f32> {
         sum += side.x * side.y * side.z * centred(hash3(base + vec3<i32>(bits), params.seed).xy);
     }
     let square = f * f + g * g;
-    return sum * (2.449489742783178 / 65536.0 / sqrt(square.x * square.y * square.z));
+    return sum * sqrt(6.0 / 65536.0 / 65536.0 / (square.x * square.y * square.z));
 }
 
 @compute @workgroup_size(64)

@@ -34,6 +34,7 @@ pub mod plan;
 pub mod random;
 pub mod real;
 pub mod scene;
+mod simd;
 pub mod study;
 pub mod synth;
 pub mod tissue;

@@ -8,31 +8,48 @@ pub fn seed_words(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]
 }
 
-/// Three well-mixed words from three integers (`pcg3d`).
+/// The first, linear step of [`pcg3d`] on one component.
 #[inline(always)]
-pub fn pcg3d(mut v: [u32; 3]) -> [u32; 3] {
-    for x in &mut v {
-        *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-    }
+pub fn pcg_step(x: u32) -> u32 {
+    x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
+}
+
+/// The mixing steps of [`pcg3d`], after the linear one.
+#[inline(always)]
+pub fn pcg_mix(mut v: [u32; 3]) -> [u32; 3] {
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
     v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
     v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
-    for x in &mut v {
-        *x ^= *x >> 16;
-    }
+    v = v.map(|x| x ^ x >> 16);
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
     v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
     v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
     v
 }
 
+/// Three well-mixed words from three integers.
+#[inline(always)]
+pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
+    pcg_mix(v.map(pcg_step))
+}
+
+/// A lattice coordinate on one axis, seeded: what [`hash3`] feeds to [`pcg3d`].
+#[inline(always)]
+pub fn seeded(axis: usize, coordinate: i32, seed: [u32; 2]) -> u32 {
+    match axis {
+        0 => coordinate as u32 ^ seed[0],
+        1 => (coordinate as u32).wrapping_add(seed[1]),
+        _ => coordinate as u32 ^ seed[0].rotate_left(16),
+    }
+}
+
 /// Three words from a lattice point and a seed. Negative coordinates wrap as two's complement.
 #[inline(always)]
 pub fn hash3(point: [i32; 3], seed: [u32; 2]) -> [u32; 3] {
     pcg3d([
-        (point[0] as u32) ^ seed[0],
-        (point[1] as u32).wrapping_add(seed[1]),
-        (point[2] as u32) ^ seed[0].rotate_left(16),
+        seeded(0, point[0], seed),
+        seeded(1, point[1], seed),
+        seeded(2, point[2], seed),
     ])
 }
 

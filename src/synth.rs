@@ -333,10 +333,3 @@ impl Synthesizer {
         }
     }
 }
-
-/// Runs a loop compiled for the widest vector registers of this machine. Results do not depend on which: Rust never fuses
-/// or reorders floating-point operations.
-#[inline(always)]
-pub(crate) fn vectorised<R>(work: impl FnOnce() -> R) -> R {
-    pulp::Arch::new().dispatch(work)
-}

@@ -31,7 +31,8 @@ pub struct Tissue {
     #[serde(default = "unscaled")]
     pub texture_scale: f64,
     /// Direction in the world (LPS, any length but 0) along which the texture's first axis lies: along the fibres of
-    /// muscle, across the layers of fat, fascia and skin. None turns the texture to a fixed oblique orientation, so that
+    /// muscle, across the layers of fat, fascia and skin. The second axis, which the lamellae of muscle face, then lies as
+    /// near to antero-posterior as that allows, but for a small roll. None turns the texture to a fixed oblique orientation, so that
     /// its period does not show in planes along the world's axes.
     #[serde(default)]
     pub texture_direction: Option<[f64; 3]>,
@@ -75,15 +76,15 @@ impl Tissue {
     pub fn texture_rotation(&self) -> [[f64; 3]; 3] {
         use nalgebra::{Unit, UnitQuaternion, Vector3};
         /// Radians; no small multiple of it comes near a quarter turn.
-        const ROLL: f64 = 0.45;
+        const ROLL: f64 = 0.27;
         /// A direction no small multiple of which meets the lattice of a texture's periods.
         const OBLIQUE: [f64; 3] = [0.730, 0.338, 0.594];
         let first = Vector3::from(self.texture_direction.unwrap_or(OBLIQUE));
         let first = Unit::try_new(first, f64::MIN_POSITIVE).unwrap_or(Vector3::x_axis());
-        let helper = if first.x.abs() < 0.9 {
-            Vector3::x()
-        } else {
+        let helper = if first.y.abs() < 0.9 {
             Vector3::y()
+        } else {
+            Vector3::x()
         };
         let second = Unit::new_normalize(helper - first.into_inner() * first.dot(&helper));
         let second = UnitQuaternion::from_axis_angle(&first, ROLL) * second.into_inner();

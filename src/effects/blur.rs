@@ -13,6 +13,7 @@ use super::lateral::{FWHM_PER_SIGMA, LateralKernel};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
@@ -119,37 +120,65 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, output)| {
-            crate::synth::vectorised(|| scanline(input, line, lines, kernel.reach, weights, output));
+            vectorised(Scanline {
+                input,
+                line,
+                lines,
+                reach: kernel.reach,
+                weights,
+                output,
+            });
         });
     std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 
 /// One blurred scanline; `weights` holds a row over the samples for each tap.
-#[inline(always)]
-pub fn scanline<T: Real>(input: &[T], line: usize, lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
-    const BLOCK: usize = 64;
-    let samples = output.len();
-    let first = line.saturating_sub(reach);
-    let last = (line + reach).min(lines - 1);
-    let whole = last - first == 2 * reach;
-    for (block, output) in output.chunks_mut(BLOCK).enumerate() {
-        let start = block * BLOCK;
-        let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
-        for other in first..=last {
-            let tap = other + reach - line;
-            let values = &input[other * samples + start..][..output.len()];
-            let weights = &weights[tap * samples + start..][..output.len()];
-            for i in 0..output.len() {
-                sum[i] += weights[i] * values[i];
-            }
-            if !whole {
+struct Scanline<'a, T> {
+    input: &'a [T],
+    line: usize,
+    lines: usize,
+    reach: usize,
+    weights: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            input,
+            line,
+            lines,
+            reach,
+            weights,
+            output,
+        } = self;
+        const BLOCK: usize = 64;
+        let samples = output.len();
+        let first = line.saturating_sub(reach);
+        let last = (line + reach).min(lines - 1);
+        let whole = last - first == 2 * reach;
+        for (block, output) in output.chunks_mut(BLOCK).enumerate() {
+            let start = block * BLOCK;
+            let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+            for other in first..=last {
+                let tap = other + reach - line;
+                let values = &input[other * samples + start..][..output.len()];
+                let weights = &weights[tap * samples + start..][..output.len()];
                 for i in 0..output.len() {
-                    norm[i] += weights[i];
+                    sum[i] += weights[i] * values[i];
+                }
+                if !whole {
+                    for i in 0..output.len() {
+                        norm[i] += weights[i];
+                    }
                 }
             }
-        }
-        for i in 0..output.len() {
-            output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
+            for i in 0..output.len() {
+                output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
+            }
         }
     }
 }

@@ -100,7 +100,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 pub fn scanline<T: Real>(ray: [T; 4], z: T, sample_mm: T, matrix: &[[T; 4]; 3], positions: &mut [[T; 4]]) {
     let half = T::of(0.5);
     for (i, position) in positions.iter_mut().enumerate() {
-        let s = (T::of(i as f64) + half) * sample_mm;
+        let s = (T::from_signed(i as i32) + half) * sample_mm;
         let (x, y) = (ray[0] + ray[2] * s, ray[1] + ray[3] * s);
         let [px, py, pz] = matrix.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3]);
         *position = [px, py, pz, T::zero()];

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
@@ -126,15 +127,46 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .for_each(|(line, amplitudes)| {
             let row = |line: usize| &labels[line * samples..][..samples];
             let rows = [row(line.saturating_sub(1)), row(line), row((line + 1).min(lines - 1))];
-            for i in 1..samples.saturating_sub(1) {
-                let labels: [[u8; 3]; 3] = rows.map(|row| [row[i - 1], row[i], row[i + 1]]);
-                if labels == [[labels[1][1]; 3]; 3] {
+            if samples < 3 {
+                return;
+            }
+            for start in (1..samples - 1).step_by(BLOCK) {
+                let end = (start + BLOCK).min(samples - 1);
+                if vectorised(Uniform(rows.map(|row| &row[start - 1..end + 1]))) {
                     continue;
                 }
-                let z = labels.map(|row| row.map(|label| impedance[usize::from(label)]));
-                amplitudes[i] += mirror * reflection(z, sample_mm, spacing[i], directivity);
+                for i in start..end {
+                    let labels: [[u8; 3]; 3] = rows.map(|row| [row[i - 1], row[i], row[i + 1]]);
+                    if labels == [[labels[1][1]; 3]; 3] {
+                        continue;
+                    }
+                    let z = labels.map(|row| row.map(|label| impedance[usize::from(label)]));
+                    amplitudes[i] += mirror * reflection(z, sample_mm, spacing[i], directivity);
+                }
             }
         });
+}
+
+/// Samples tried together for a boundary between them.
+const BLOCK: usize = 32;
+
+/// Whether all labels are the same.
+struct Uniform<'a>([&'a [u8]; 3]);
+
+impl Kernel for Uniform<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let first = self.0[1][0];
+        let mut differing = 0u8;
+        for row in self.0 {
+            for &label in row {
+                differing |= label ^ first;
+            }
+        }
+        differing == 0
+    }
 }
 
 /// Reflected share at the middle of a 3 by 3 patch of impedances (scanline by sample).

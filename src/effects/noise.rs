@@ -13,6 +13,7 @@ use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::random::{hash3, pcg3d, seed_words};
 use crate::real::Real;
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
@@ -119,24 +120,43 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let width = tables.width();
     let numbers = numbers(view, 0);
-    let scale = T::of(f64::from(numbers.scale));
     store
         .image
         .par_chunks_mut(width)
         .zip(tables.scan_map.par_chunks(width))
         .enumerate()
         .for_each(|(row, (pixels, map))| {
-            crate::synth::vectorised(|| {
-                for (column, (pixel, at)) in pixels.iter_mut().zip(map).enumerate() {
-                    let noise = T::from_signed(deviate(column as i32, row as i32, numbers.frame, numbers.seed)) * scale;
-                    *pixel = if at[0] < 0.0 {
-                        *pixel
-                    } else {
-                        (*pixel + noise).max(T::zero()).min(T::of(255.0))
-                    };
-                }
+            vectorised(Add {
+                pixels,
+                map,
+                row: row as i32,
+                numbers: &numbers,
             });
         });
+}
+
+/// Adds noise to the pixels of one row that lie in the sector.
+struct Add<'a, T> {
+    pixels: &'a mut [T],
+    map: &'a [[f32; 2]],
+    row: i32,
+    numbers: &'a Params,
+}
+
+impl<T: Real> Kernel for Add<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let scale = T::of(f64::from(self.numbers.scale));
+        for (column, (pixel, at)) in self.pixels.iter_mut().zip(self.map).enumerate() {
+            let deviate = deviate(column as i32, self.row, self.numbers.frame, self.numbers.seed);
+            let noisy = (*pixel + T::from_signed(deviate) * scale)
+                .max(T::zero())
+                .min(T::of(255.0));
+            *pixel = if at[0] < 0.0 { *pixel } else { noisy };
+        }
+    }
 }
 
 /// Zero-mean sum of twelve bytes, -1530 to 1530.

@@ -153,3 +153,10 @@ pub struct Pass {
 pub fn groups(count: usize, size: u32) -> u32 {
     (count as u64).div_ceil(u64::from(size)) as u32
 }
+
+/// Workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on x.
+pub fn spread(count: usize, size: u32) -> [u32; 3] {
+    const MOST: u32 = 65_535;
+    let groups = groups(count, size);
+    [groups.min(MOST), groups.div_ceil(MOST), 1]
+}

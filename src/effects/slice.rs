@@ -159,7 +159,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         let half = T::of(0.5);
         let shifted = index.map(|x| x + half);
         for axis in 0..3 {
-            if !(shifted[axis] >= T::zero() && shifted[axis] < T::of(self.size[axis] as f64)) {
+            if !(shifted[axis] >= T::zero() && shifted[axis] < T::from_signed(self.size[axis] as i32)) {
                 return 0;
             }
         }
@@ -172,21 +172,21 @@ impl<'a, T: Real> LabelReader<'a, T> {
 
     #[inline(always)]
     fn nearest(&self, shifted: [T; 3]) -> u8 {
-        let [i, j, k] = shifted.map(|x| x.to_usize().unwrap_or(0));
+        let [i, j, k] = shifted.map(|x| x.truncate() as usize);
         self.voxels[i + self.size[0] * (j + self.size[1] * k)]
     }
 
     #[inline(always)]
     fn vote(&self, index: [T; 3]) -> u8 {
         // Shifting by one keeps the truncation a floor: indices start at -0.5.
-        let base = index.map(|x| (x + T::one()).to_i32().unwrap_or(0) - 1);
+        let base = index.map(|x| (x + T::one()).truncate() - 1);
         let inside = (0..3).all(|axis| base[axis] >= 0 && (base[axis] as usize) + 1 < self.size[axis]);
         let mut labels = [0u8; 8];
         if inside {
             let (row, slab) = (self.size[0], self.size[0] * self.size[1]);
             let first = base[0] as usize + row * base[1] as usize + slab * base[2] as usize;
-            for (corner, label) in labels.iter_mut().enumerate() {
-                *label = self.voxels[first + (corner & 1) + row * (corner >> 1 & 1) + slab * (corner >> 2)];
+            for (pair, offset) in [0, row, slab, slab + row].into_iter().enumerate() {
+                labels[2 * pair..2 * pair + 2].copy_from_slice(&self.voxels[first + offset..first + offset + 2]);
             }
         } else {
             for (corner, label) in labels.iter_mut().enumerate() {
@@ -200,7 +200,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         if labels == [labels[0]; 8] {
             return labels[0];
         }
-        let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::of(f64::from(base[axis])));
+        let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::from_signed(base[axis]));
         majority(labels, fraction)
     }
 

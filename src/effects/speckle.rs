@@ -18,8 +18,9 @@ use serde::{Deserialize, Serialize};
 use super::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH, gaussian};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
-use crate::random::{hash3, seed_words};
+use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
 use crate::real::{Numbers, Real};
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
@@ -356,20 +357,51 @@ fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 &positions[next * samples..][..samples],
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
-            let (re, im) = echoes.split_at_mut(samples);
-            crate::synth::vectorised(|| {
-                for start in (0..samples).step_by(BLOCK) {
-                    let end = (start + BLOCK).min(samples);
-                    let mut at = [[T::zero(); BLOCK]; 3];
-                    for axis in 0..3 {
-                        for i in start..end {
-                            at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
-                        }
-                    }
-                    lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
-                }
+            vectorised(FineScanline {
+                lattice: &lattice,
+                between: [a, b],
+                part,
+                amplitudes,
+                echoes,
             });
         });
+}
+
+/// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
+/// imaginary parts.
+struct FineScanline<'a, T> {
+    lattice: &'a Lattice<T>,
+    between: [&'a [[T; 4]]; 2],
+    part: T,
+    amplitudes: &'a [T],
+    echoes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for FineScanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            lattice,
+            between: [a, b],
+            part,
+            amplitudes,
+            echoes,
+        } = self;
+        let samples = amplitudes.len();
+        let (re, im) = echoes.split_at_mut(samples);
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let mut at = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in start..end {
+                    at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                }
+            }
+            lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
+        }
+    }
 }
 
 /// The scatterers, seen across the plane.
@@ -394,12 +426,16 @@ impl<T: Real> Lattice<T> {
         let middle = T::of((self.count - 1) as f64 / 2.0);
         for plane in 0..self.count {
             let offset = self.step.map(|step| step * (T::of(plane as f64) - middle));
-            let weight = self.planes[plane];
+            let mut p = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in 0..BLOCK {
+                    p[axis][i] = (at[axis][i] + offset[axis]) * self.per_mm;
+                }
+            }
+            let (a, b) = scatterers(&p, self.seed);
             for i in 0..BLOCK {
-                let p = [0, 1, 2].map(|axis| (at[axis][i] + offset[axis]) * self.per_mm);
-                let (a, b) = scatterer(p, self.seed);
-                sum_re[i] += weight * a;
-                sum_im[i] += weight * b;
+                sum_re[i] += self.planes[plane] * a[i];
+                sum_im[i] += self.planes[plane] * b[i];
             }
         }
         for i in 0..amplitudes.len() {
@@ -409,24 +445,41 @@ impl<T: Real> Lattice<T> {
     }
 }
 
-/// Complex value of unit mean power at a position in lattice units.
+/// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly weighted, over
+/// the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector registers.
 #[inline(always)]
-pub fn scatterer<T: Real>(p: [T; 3], seed: [u32; 2]) -> (T, T) {
-    let base = p.map(floor);
-    let f: [T; 3] = std::array::from_fn(|axis| p[axis] - T::of(f64::from(base[axis])));
-    let g = f.map(|x| T::one() - x);
-    let (mut re, mut im) = (T::zero(), T::zero());
-    for corner in 0..8 {
-        let bit = |axis: usize| corner >> axis & 1;
-        let words = hash3([base[0] + bit(0), base[1] + bit(1), base[2] + bit(2)], seed);
-        let side = |axis: usize| if bit(axis) == 1 { f[axis] } else { g[axis] };
-        let weight = side(0) * side(1) * side(2);
-        re += weight * centred(words[0]);
-        im += weight * centred(words[1]);
+fn scatterers<T: Real>(p: &[[T; BLOCK]; 3], seed: [u32; 2]) -> ([T; BLOCK], [T; BLOCK]) {
+    let mut side = [[[T::zero(); BLOCK]; 2]; 3];
+    let mut step = [[[0u32; BLOCK]; 2]; 3];
+    let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); BLOCK];
+    for axis in 0..3 {
+        for i in 0..BLOCK {
+            let base = floor(p[axis][i]);
+            let f = p[axis][i] - T::from_signed(base);
+            let g = T::one() - f;
+            side[axis][0][i] = g;
+            side[axis][1][i] = f;
+            step[axis][0][i] = pcg_step(seeded(axis, base, seed));
+            step[axis][1][i] = pcg_step(seeded(axis, base.wrapping_add(1), seed));
+            scale[i] = scale[i] / (f * f + g * g);
+        }
     }
-    let square = |axis: usize| f[axis] * f[axis] + g[axis] * g[axis];
-    let scale = T::of(UNIFORM_TO_UNIT) / (square(0) * square(1) * square(2)).sqrt();
-    (re * scale, im * scale)
+    let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+    for corner in 0..8 {
+        let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];
+        for i in 0..BLOCK {
+            let words = pcg_mix([step[0][x][i], step[1][y][i], step[2][z][i]]);
+            let weight = side[0][x][i] * side[1][y][i] * side[2][z][i];
+            re[i] += weight * centred(words[0]);
+            im[i] += weight * centred(words[1]);
+        }
+    }
+    for i in 0..BLOCK {
+        let scale = scale[i].sqrt();
+        re[i] *= scale;
+        im[i] *= scale;
+    }
+    (re, im)
 }
 
 /// Two uniform numbers of width 65,536 as the parts of a complex number of unit power: sqrt(12 / 2) / 65,536.
@@ -455,28 +508,43 @@ fn axial<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(part, output)| {
-            crate::synth::vectorised(|| along(&input[part * samples..][..samples], weights, output));
+            vectorised(Along {
+                input: &input[part * samples..][..samples],
+                weights,
+                output,
+            });
         });
 }
 
 /// Convolution along a scanline; nothing lies beyond its ends.
-#[inline(always)]
-fn along<T: Real>(input: &[T], weights: &[T], output: &mut [T]) {
-    let samples = input.len();
-    let reach = weights.len() / 2;
-    output.fill(T::zero());
-    for (tap, &weight) in weights.iter().enumerate() {
-        // output[i] += weight * input[i + tap - reach]
-        let (from, to) = (
-            reach.saturating_sub(tap),
-            (samples + reach).saturating_sub(tap).min(samples),
-        );
-        if from >= to {
-            continue;
-        }
-        let source = &input[from + tap - reach..to + tap - reach];
-        for (out, &value) in output[from..to].iter_mut().zip(source) {
-            *out += weight * value;
+struct Along<'a, T> {
+    input: &'a [T],
+    weights: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Along<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { input, weights, output } = self;
+        let samples = input.len();
+        let reach = weights.len() / 2;
+        output.fill(T::zero());
+        for (tap, &weight) in weights.iter().enumerate() {
+            // output[i] += weight * input[i + tap - reach]
+            let (from, to) = (
+                reach.saturating_sub(tap),
+                (samples + reach).saturating_sub(tap).min(samples),
+            );
+            if from >= to {
+                continue;
+            }
+            let source = &input[from + tap - reach..to + tap - reach];
+            for (out, &value) in output[from..to].iter_mut().zip(source) {
+                *out += weight * value;
+            }
         }
     }
 }
@@ -493,42 +561,71 @@ fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
         .enumerate()
         .for_each(|(line, output)| {
             let centre = line * own.oversampling;
-            crate::synth::vectorised(|| envelope(input, centre, fine_lines, own.lateral.reach, weights, output));
+            vectorised(Envelope {
+                input,
+                centre,
+                fine_lines,
+                reach: own.lateral.reach,
+                weights,
+                output,
+            });
         });
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it
 /// keeps the power of the whole.
-#[inline(always)]
-fn envelope<T: Real>(input: &[T], centre: usize, fine_lines: usize, reach: usize, weights: &[T], output: &mut [T]) {
-    let samples = output.len();
-    let first = centre.saturating_sub(reach);
-    let last = (centre + reach).min(fine_lines - 1);
-    let whole = last - first == 2 * reach;
-    for start in (0..samples).step_by(BLOCK) {
-        let end = (start + BLOCK).min(samples);
-        let (mut re, mut im, mut kept) = ([T::zero(); BLOCK], [T::zero(); BLOCK], [T::zero(); BLOCK]);
-        for fine in first..=last {
-            let weights = &weights[(fine + reach - centre) * samples..][start..end];
-            let real = &input[2 * fine * samples..][start..end];
-            let imaginary = &input[(2 * fine + 1) * samples..][start..end];
-            for i in 0..end - start {
-                re[i] += weights[i] * real[i];
-                im[i] += weights[i] * imaginary[i];
-                kept[i] += weights[i] * weights[i];
-            }
-        }
-        for i in 0..end - start {
-            output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
-        }
-        if !whole {
-            for i in 0..end - start {
-                let mut all = T::zero();
-                for tap in 0..=2 * reach {
-                    let weight = weights[tap * samples + start + i];
-                    all += weight * weight;
+struct Envelope<'a, T> {
+    input: &'a [T],
+    centre: usize,
+    fine_lines: usize,
+    reach: usize,
+    weights: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Envelope<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            input,
+            centre,
+            fine_lines,
+            reach,
+            weights,
+            output,
+        } = self;
+        let samples = output.len();
+        let first = centre.saturating_sub(reach);
+        let last = (centre + reach).min(fine_lines - 1);
+        let whole = last - first == 2 * reach;
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+            for fine in first..=last {
+                let weights = &weights[(fine + reach - centre) * samples..][start..end];
+                let real = &input[2 * fine * samples..][start..end];
+                let imaginary = &input[(2 * fine + 1) * samples..][start..end];
+                for i in 0..end - start {
+                    re[i] += weights[i] * real[i];
+                    im[i] += weights[i] * imaginary[i];
                 }
-                output[start + i] *= (all / kept[i]).sqrt();
+            }
+            for i in 0..end - start {
+                output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
+            }
+            if !whole {
+                for i in start..end {
+                    let power = |taps: std::ops::RangeInclusive<usize>| {
+                        let mut sum = T::zero();
+                        for tap in taps {
+                            sum += weights[tap * samples + i] * weights[tap * samples + i];
+                        }
+                        sum
+                    };
+                    output[i] *= (power(0..=2 * reach) / power(first + reach - centre..=last + reach - centre)).sqrt();
+                }
             }
         }
     }

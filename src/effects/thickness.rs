@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::plane_step;
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, spread};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -81,13 +81,7 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(Amplitude, Write)],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.lines() * tables.samples(), 64).min(65_535),
-            groups(tables.lines() * tables.samples(), 64 * 65_535),
-            1,
-        ]
-    },
+    workgroups: |tables, _| spread(tables.lines() * tables.samples(), 64),
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

@@ -5,7 +5,7 @@
 
 use bytemuck::Zeroable;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, spread};
 use super::{Effect, Verdict};
 use crate::mechanics::mesh::map::map_lines;
 use crate::mechanics::mesh::pack::WarpParams;
@@ -33,13 +33,7 @@ static PASSES: &[Pass] = &[Pass {
         (CellElements, Read),
     ],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.samples(), 64),
-            tables.lines() as u32,
-            tables.planes() as u32,
-        ]
-    },
+    workgroups: |tables, _| spread(tables.lines() * tables.samples() * tables.planes(), 64),
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

@@ -1,10 +1,10 @@
 //! The bank of solid textures: structure larger than speckle, made from a name and a seed.
 //!
-//! Each texture is a field of decibels on a periodic grid, built from smoothed hashed noise ([`field`]), cells ([`cells`])
-//! and strands ([`strands`]). Lattice coordinates wrap before they are hashed, so the period is exact. Speckle is not part
+//! Each texture is a field of decibels on a periodic grid, built from smoothed hashed noise (`field`), cells (`cells`)
+//! and strands (`strands`). Lattice coordinates wrap before they are hashed, so the period is exact. Speckle is not part
 //! of a texture: correlation lengths lie at about a millimetre and above, strands and septa aside.
 //!
-//! A further kind of texture joins by a row in [`RECIPES`].
+//! A further kind of texture joins by a row in `RECIPES`.
 
 mod adipose;
 mod cells;

@@ -15,8 +15,8 @@ pub(super) struct Cells {
 pub(super) struct Place {
     /// Distance to the nearest wall, mm.
     pub wall_mm: f32,
-    /// How far the wall's normal lies along the first axis: 1 along it, 0 across it.
-    pub facing: f32,
+    /// How far the wall's normal lies along each axis: 1 along it, 0 across it.
+    pub facing: [f32; 3],
     /// A number in [0, 1) that belongs to the cell.
     pub id: f32,
 }
@@ -73,7 +73,7 @@ impl Cells {
         let steepness = gradient.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
         Place {
             wall_mm: (second - first) / steepness,
-            facing: gradient[0].abs() / steepness,
+            facing: gradient.map(|x| x.abs() / steepness),
             id,
         }
     }

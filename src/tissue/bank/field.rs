@@ -69,8 +69,8 @@ impl Grid {
             let point = [at % nx, at / nx % ny, at / nx / ny].map(|n| n as i32);
             words(point).iter().map(|&word| unit(word)).sum()
         });
-        for axis in 0..3 {
-            data = self.smoothed(&data, axis, sigma_mm[axis] / self.spacing_mm[axis]);
+        for (axis, sigma_mm) in sigma_mm.into_iter().enumerate() {
+            data = self.smoothed(&data, axis, sigma_mm / self.spacing_mm[axis]);
         }
         standardise(&mut data);
         data
@@ -94,8 +94,9 @@ impl Grid {
                     0 => {
                         let source = &data[line * nx..][..nx];
                         let start = wrap(0, step, nx);
-                        let (tail, head) = (&source[start..], &source[..start]);
-                        add_scaled(row, tail.iter().chain(head), weight);
+                        let (first, last) = row.split_at_mut(nx - start);
+                        add_scaled(first, &source[start..], weight);
+                        add_scaled(last, &source[..start], weight);
                     }
                     1 => add_scaled(row, &data[(wrap(j, step, ny) + ny * k) * nx..][..nx], weight),
                     _ => add_scaled(row, &data[(j + ny * wrap(k, step, nz)) * nx..][..nx], weight),
@@ -106,7 +107,7 @@ impl Grid {
     }
 }
 
-fn add_scaled<'a>(row: &mut [f32], source: impl IntoIterator<Item = &'a f32>, weight: f32) {
+fn add_scaled(row: &mut [f32], source: &[f32], weight: f32) {
     for (out, &value) in row.iter_mut().zip(source) {
         *out += weight * value;
     }

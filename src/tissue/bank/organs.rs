@@ -15,7 +15,7 @@ pub(super) fn liver(grid: &Grid, seed: Seed) -> Vec<f32> {
     let tracts = [2, 3].map(|stream| grid.gaussian(seed, stream, [3.2; 3]));
     grid.fill(|i, _| {
         let tract = tube(tracts[0][i], tracts[1][i]);
-        0.8 * slow[i] + 1.1 * grain[i] + 4.5 * bump(tract, 0.16) - 1.2 * bump(tract - 0.38, 0.12)
+        0.9 * slow[i] + 1.1 * grain[i] + 13.0 * bump(tract, 0.22)
     })
 }
 
@@ -43,12 +43,12 @@ pub(super) fn kidney_medulla(grid: &Grid, seed: Seed) -> Vec<f32> {
 
 /// Small lobules with bright fatty clefts.
 pub(super) fn pancreas(grid: &Grid, seed: Seed) -> Vec<f32> {
-    let cells = Cells::new(grid, seed, 0, [3.4; 3]);
+    let cells = Cells::new(grid, seed, 0, [4.4; 3]);
     let grain = grid.gaussian(seed, 2, [0.8; 3]);
     let sway = [3, 4, 5].map(|stream| grid.gaussian(seed, stream, [1.5; 3]));
     grid.fill(|i, p| {
         let place = cells.place([0, 1, 2].map(|axis| p[axis] + 0.6 * sway[axis][i]));
-        3.0 * (place.id - 0.5) + 1.0 * grain[i] + 5.0 * bump(place.wall_mm, 0.45)
+        7.0 * (place.id - 0.5) + 1.2 * grain[i] + 9.0 * bump(place.wall_mm, 0.5)
     })
 }
 
@@ -66,7 +66,7 @@ pub(super) fn prostate_central(grid: &Grid, seed: Seed) -> Vec<f32> {
     let sway = [3, 4, 5].map(|stream| grid.gaussian(seed, stream, [2.0; 3]));
     grid.fill(|i, p| {
         let place = cells.place([0, 1, 2].map(|axis| p[axis] + 0.9 * sway[axis][i]));
-        7.0 * (place.id - 0.5) + 1.4 * grain[i] - 5.0 * bump(place.wall_mm, 0.55)
+        11.0 * (place.id - 0.5) + 1.4 * grain[i] - 9.0 * bump(place.wall_mm, 0.8)
     })
 }
 
@@ -74,5 +74,5 @@ pub(super) fn prostate_central(grid: &Grid, seed: Seed) -> Vec<f32> {
 pub(super) fn lesion(grid: &Grid, seed: Seed) -> Vec<f32> {
     let patches = grid.gaussian(seed, 0, [1.8; 3]);
     let grain = grid.gaussian(seed, 1, [0.7; 3]);
-    grid.fill(|i, _| 2.2 * patches[i] + 1.2 * grain[i] - 5.0 * smoothstep(1.2, 2.0, patches[i]))
+    grid.fill(|i, _| 3.0 * patches[i] + 1.5 * grain[i] - 9.0 * smoothstep(1.2, 2.0, patches[i]))
 }

@@ -17,6 +17,8 @@ pub(super) struct Strands {
     pub peak_db: [f32; 2],
     /// Largest slope against the first axis (tangent).
     pub slope: f32,
+    /// Largest angle between a ribbon's normal and the second axis, radians.
+    pub roll: f32,
 }
 
 /// Height of a strand, dB, below which it is not laid any more.
@@ -44,7 +46,7 @@ impl Strands {
         let half_thickness = 0.5 * pick(self.thickness_mm, shape[1]);
         let half_width = 0.5 * pick(self.width_mm, lie[1]);
         let peak = pick(self.peak_db, shape[2]);
-        let (sin, cos) = (lie[0] * std::f32::consts::PI).sin_cos();
+        let (sin, cos) = (self.roll * (2.0 * lie[0] - 1.0)).sin_cos();
         let slope = [lie[2], (lie[2] * 7.31).fract()].map(|share| self.slope * (2.0 * share - 1.0));
         // A slow bow, so that no strand is a ruled line.
         let bow = 0.35 * (2.0 * (lie[1] * 5.17).fract() - 1.0);

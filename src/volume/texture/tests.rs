@@ -68,6 +68,23 @@ fn size_one_is_constant_along_that_axis() {
     assert_eq!(rod.sample([1.25, 0.0, 0.0]), rod.sample([5.25, -17.3, 22.9]));
 }
 
+#[test]
+fn the_wrap_joins_the_last_voxel_to_the_first() {
+    let texture = SolidTexture::new([5, 4, 3], [0.5, 1.0, 2.0], noise([5, 4, 3])).unwrap();
+    for (axis, period) in texture.period_mm().into_iter().enumerate() {
+        for start in [[0.0; 3], [0.3, 1.7, 3.9]] {
+            let at = |along: f64| {
+                let mut position: [f64; 3] = start;
+                position[axis] = along;
+                texture.sample(position)
+            };
+            let last = period - texture.spacing_mm()[axis];
+            assert!((at(period - 1e-9) - at(0.0)).abs() < 1e-7 && (at(-1e-9) - at(0.0)).abs() < 1e-7);
+            assert!((at(0.5 * (last + period)) - 0.5 * (at(last) + at(0.0))).abs() < 1e-7);
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn it_repeats_and_is_continuous_everywhere(x in -50.0..50.0f64, y in -50.0..50.0f64, z in -50.0..50.0f64) {
@@ -258,4 +275,11 @@ fn the_shader_struct_has_the_layout_of_the_entry() {
     ];
     assert_eq!(offsets, expected);
     assert_eq!(*span as usize, size_of::<AtlasEntry>());
+}
+
+proptest::proptest! {
+    #[test]
+    fn wrapping_is_the_euclidean_remainder(index in proptest::num::i32::ANY, length in 1i32..5000) {
+        proptest::prop_assert_eq!(super::wrap(index, length), index.rem_euclid(length));
+    }
 }
