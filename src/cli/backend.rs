@@ -112,7 +112,8 @@ impl BackendArgs {
 /// Why an adapter is used where none was asked for.
 pub fn why(adapter: &AdapterReport) -> String {
     if adapter.software {
-        "it is the only kind of adapter there is; it is software, right for checking, and --backend cpu is faster".into()
+        "it is the only kind of adapter there is; it is software, right for checking, and --backend cpu is faster"
+            .into()
     } else {
         "a GPU adapter is there".into()
     }

@@ -66,7 +66,9 @@ impl Doctor {
             Err(error) => return Err(error.into()),
         }
         if report.adapters.len() > 1 {
-            report.hints.push(format!("--adapter NAME or {ADAPTER_VARIABLE} picks another adapter"));
+            report
+                .hints
+                .push(format!("--adapter NAME or {ADAPTER_VARIABLE} picks another adapter"));
         }
         if self.json {
             terminal::emit_json(&report)
@@ -104,12 +106,44 @@ fn write_adapter(f: &mut fmt::Formatter<'_>, number: usize, adapter: &AdapterRep
     writeln!(f, "adapter {number} {} ({})", adapter.name, adapter.backend)?;
     writeln!(f, "  kind    {}", adapter.device_type)?;
     writeln!(f, "  driver  {} {}", adapter.driver, adapter.driver_info)?;
-    writeln!(f, "  times   {}", if adapter.timestamps { "of passes, by timestamps" } else { "by wall clock only" })?;
-    writeln!(f, "  limits  {} MiB a storage binding", mib(limits.max_storage_buffer_binding_size))?;
+    writeln!(
+        f,
+        "  times   {}",
+        if adapter.timestamps {
+            "of passes, by timestamps"
+        } else {
+            "by wall clock only"
+        }
+    )?;
+    writeln!(
+        f,
+        "  limits  {} MiB a storage binding",
+        mib(limits.max_storage_buffer_binding_size)
+    )?;
     writeln!(f, "          {} MiB a buffer", mib(limits.max_buffer_size))?;
-    writeln!(f, "          {} storage buffers a pass", limits.max_storage_buffers_per_shader_stage)?;
-    writeln!(f, "          {} invocations a workgroup", limits.max_compute_invocations_per_workgroup)?;
-    writeln!(f, "          {} bytes of shared memory", limits.max_compute_workgroup_storage_size)?;
-    writeln!(f, "          {} workgroups a dimension", limits.max_compute_workgroups_per_dimension)?;
-    writeln!(f, "          {} pixels a side of a texture", limits.max_texture_dimension_2d)
+    writeln!(
+        f,
+        "          {} storage buffers a pass",
+        limits.max_storage_buffers_per_shader_stage
+    )?;
+    writeln!(
+        f,
+        "          {} invocations a workgroup",
+        limits.max_compute_invocations_per_workgroup
+    )?;
+    writeln!(
+        f,
+        "          {} bytes of shared memory",
+        limits.max_compute_workgroup_storage_size
+    )?;
+    writeln!(
+        f,
+        "          {} workgroups a dimension",
+        limits.max_compute_workgroups_per_dimension
+    )?;
+    writeln!(
+        f,
+        "          {} pixels a side of a texture",
+        limits.max_texture_dimension_2d
+    )
 }

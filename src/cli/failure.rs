@@ -1,5 +1,6 @@
 //! What a subcommand can fail of, and the exit status it ends with.
 
+use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
@@ -12,14 +13,13 @@ use insonify::phantom::PhantomError;
 use insonify::scene::SceneError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
-use miette::Diagnostic;
+use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand ends without having done what was asked.
-#[derive(Debug, thiserror::Error, Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 pub enum Failure {
     /// The library says so.
     #[error(transparent)]
-    #[diagnostic(transparent)]
     Library(Box<insonify::error::Error>),
     /// Arguments that make no sense together, or for this scene.
     #[error("{found}")]
@@ -27,7 +27,6 @@ pub enum Failure {
         /// What was asked.
         found: String,
         /// What to ask.
-        #[help]
         help: String,
     },
     /// A folder for frames cannot be made.
@@ -58,6 +57,30 @@ impl Failure {
             Self::Library(error) => error.exit_status(),
             Self::Usage { .. } => INPUT,
             Self::Folder { .. } | Self::Output(_) => MACHINE,
+        }
+    }
+}
+
+impl Diagnostic for Failure {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        match self {
+            Self::Library(error) => error.help(),
+            Self::Usage { help, .. } => Some(Box::new(help)),
+            Self::Folder { .. } | Self::Output(_) => None,
+        }
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        match self {
+            Self::Library(error) => error.source_code(),
+            _ => None,
+        }
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        match self {
+            Self::Library(error) => error.labels(),
+            _ => None,
         }
     }
 }

@@ -99,7 +99,17 @@ mod tests {
     fn sizes_are_two_numbers_in_range() {
         assert_eq!(size("640x480"), Ok([640, 480]));
         assert_eq!(size("1X16384"), Ok([1, 16_384]));
-        for wrong in ["", "640", "0x5", "5x0", "16385x1", "-1x5", "640x480x2", "6e2x5", "99999999999x1"] {
+        for wrong in [
+            "",
+            "640",
+            "0x5",
+            "5x0",
+            "16385x1",
+            "-1x5",
+            "640x480x2",
+            "6e2x5",
+            "99999999999x1",
+        ] {
             assert!(size(wrong).is_err(), "{wrong}");
         }
     }

@@ -53,8 +53,15 @@ impl Inspect {
         let Some(pixel) = inspect(&scene.anatomy, &scene.settings, &state, self.at)? else {
             let image = scene.settings.image;
             return Err(Failure::usage(
-                format!("--at {column},{row} is beyond a frame of {}x{} pixels", image.width, image.height),
-                format!("columns run from 0 to {}, rows from 0 to {}", image.width - 1, image.height - 1),
+                format!(
+                    "--at {column},{row} is beyond a frame of {}x{} pixels",
+                    image.width, image.height
+                ),
+                format!(
+                    "columns run from 0 to {}, rows from 0 to {}",
+                    image.width - 1,
+                    image.height - 1
+                ),
             ));
         };
         if self.json {

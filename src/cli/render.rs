@@ -99,8 +99,14 @@ impl Render {
             .backend
             .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
         if !self.quiet {
-            let on = chosen.adapter().map_or_else(String::new, |adapter| format!(" on {adapter}"));
-            terminal::say(format_args!("backend: {}{on} ({})", chosen.synth.backend(), chosen.reason));
+            let on = chosen
+                .adapter()
+                .map_or_else(String::new, |adapter| format!(" on {adapter}"));
+            terminal::say(format_args!(
+                "backend: {}{on} ({})",
+                chosen.synth.backend(),
+                chosen.reason
+            ));
         }
         chosen.warnings.iter().for_each(terminal::warn);
         let report = self.frames(&scene, &mut chosen, &target, count)?;
@@ -132,7 +138,9 @@ impl Render {
             synth.render(&state)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             passes.add(synth);
-            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world).into_iter().collect();
+            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world)
+                .into_iter()
+                .collect();
             let path = output.write(synth.frame(), frame, scene.time_s(frame, count), &state.probe_to_world)?;
             extras.write(synth, frame, count, &state, &odd)?;
             oddities.add(frame, odd);
@@ -171,7 +179,10 @@ impl Report {
         let total: f64 = self.frames.iter().map(|frame| frame.ms).sum();
         let mean = total / self.frames.len().max(1) as f64;
         match self.frames.len() {
-            1 => format!("wrote {}: {width}x{height} pixels, rendered in {mean:.1} ms", path.display()),
+            1 => format!(
+                "wrote {}: {width}x{height} pixels, rendered in {mean:.1} ms",
+                path.display()
+            ),
             n => format!(
                 "wrote {}: {n} frames of {width}x{height} pixels, rendered in {mean:.1} ms each",
                 path.display()
@@ -233,7 +244,11 @@ impl Oddities {
             _ if count == 1 => warning,
             [frame] => format!("frame {frame}: {warning}"),
             [first, .., last] if frames.len() == count => format!("frames {first} to {last}: {warning}"),
-            _ => format!("{} of {count} frames, first frame {}: {warning}", frames.len(), frames[0]),
+            _ => format!(
+                "{} of {count} frames, first frame {}: {warning}",
+                frames.len(),
+                frames[0]
+            ),
         };
         self.0.into_iter().map(told).collect()
     }

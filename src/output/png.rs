@@ -49,7 +49,13 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Res
 
 /// Writes a layer of 16-bit numbers, row by row. The file appears whole or not at all.
 pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), PngError> {
-    write(path, width, height, bytemuck::cast_slice(pixels), ExtendedColorType::L16)
+    write(
+        path,
+        width,
+        height,
+        bytemuck::cast_slice(pixels),
+        ExtendedColorType::L16,
+    )
 }
 
 fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: ExtendedColorType) -> Result<(), PngError> {

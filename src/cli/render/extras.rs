@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use insonify::output::overview::overview;
-use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
 use insonify::output::png;
+use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
 use insonify::scene::Scene;
 use insonify::synth::layers::Layer;
 use insonify::synth::{FrameState, Synthesizer};
@@ -46,12 +46,7 @@ impl Extras<'_> {
         Ok(())
     }
 
-    fn write_layers(
-        &self,
-        synth: &Synthesizer,
-        picture: &Path,
-        state: &FrameState,
-    ) -> Result<Vec<LayerFile>, Failure> {
+    fn write_layers(&self, synth: &Synthesizer, picture: &Path, state: &FrameState) -> Result<Vec<LayerFile>, Failure> {
         if self.layers.is_empty() {
             return Ok(Vec::new());
         }

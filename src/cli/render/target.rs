@@ -34,7 +34,9 @@ impl Target {
         if path.as_os_str().is_empty() {
             return Err(Failure::usage("-o names no file", "name a file or a folder"));
         }
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        let ending = path
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let shown = path.display();
         match ending.as_deref() {
             Some("mha" | "nrrd") => Ok(Self::Sequence(path.to_owned())),
