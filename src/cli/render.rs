@@ -95,6 +95,8 @@ impl Render {
         let scene = self.input.scene(self.quiet)?;
         let count = self.frames.unwrap_or_else(|| scene.frames());
         let target = Target::choose(self.output.as_deref(), count)?;
+        let size = scene.settings.image;
+        let output = Output::open(&target, size.width, size.height)?;
         let mut chosen = self
             .backend
             .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
@@ -109,14 +111,21 @@ impl Render {
             ));
         }
         chosen.warnings.iter().for_each(terminal::warn);
-        let report = self.frames(&scene, &mut chosen, &target, count)?;
+        let report = self.frames(&scene, &mut chosen, output, count)?;
         if self.json {
             terminal::emit_json(&report)?;
         }
         Ok(())
     }
 
-    fn frames(&self, scene: &Scene, chosen: &mut Chosen, target: &Target, count: usize) -> Result<Report, Failure> {
+    fn frames(
+        &self,
+        scene: &Scene,
+        chosen: &mut Chosen,
+        mut output: Output<'_>,
+        count: usize,
+    ) -> Result<Report, Failure> {
+        let target = output.target;
         let synth = &mut chosen.synth;
         synth.time_passes(self.json)?;
         let extras = Extras {
@@ -126,7 +135,6 @@ impl Render {
             scene,
             target,
         };
-        let mut output = Output::open(target, synth.frame().width, synth.frame().height)?;
         let mut state = FrameState::at(Matrix4::identity());
         let mut passes = Passes::default();
         let mut oddities = Oddities::default();

@@ -1,9 +1,10 @@
 //! Words to the user: results on standard output, everything else on standard error.
 
 use std::fmt::Display;
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use miette::MietteHandlerOpts;
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -34,8 +35,15 @@ pub fn warn(text: impl Display) {
     say(format_args!("warning: {text}"));
 }
 
-/// Tells of a failure, with the lines of the file that it is about.
+/// Tells of a failure, with the lines of the file that it is about. Lines are wrapped for people, not for programs.
 pub fn report(failure: Failure) {
+    const UNWRAPPED: usize = 100_000;
+    let mut options = MietteHandlerOpts::new();
+    if !io::stderr().is_terminal() {
+        options = options.width(UNWRAPPED);
+    }
+    // Fails only where a hook is set already, which serves as well.
+    let _ = miette::set_hook(Box::new(move |_| Box::new(options.clone().build())));
     say(format_args!("{:?}", miette::Report::new(failure)));
 }
 

@@ -62,6 +62,8 @@ pub struct SampleReport {
     pub needle_share: Option<f64>,
     /// What the way down took; none where nothing takes anything.
     pub shadow: Option<ShadowReport>,
+    /// Gain and time-gain compensation at this depth, dB.
+    pub gain_db: f64,
     /// Scanlines that the radial blur mixes, with their shares.
     pub blur: Vec<BlurNeighbour>,
     /// The value after each pass that writes it.
@@ -225,6 +227,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         speckle: stages.factor_of("speckle", synth),
         needle_share: last.needle.get(index).copied(),
         shadow: shadow_report(tables, last, line, sample),
+        gain_db: 20.0 * tables.gain.of::<f64>().get(sample).map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
         interpolation: corners(last, at),
         stages: stages.list,
@@ -517,6 +520,7 @@ impl fmt::Display for SampleReport {
                 )?;
             }
         }
+        writeln!(f, "gain            {:.2} dB at this depth", self.gain_db)?;
         writeln!(f, "after each pass (echo amplitude; grey level from `tone` on)")?;
         for stage in &self.stages {
             writeln!(f, "  {:<22} {:>12.6}", stage.pass, stage.value)?;

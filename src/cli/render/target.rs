@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use insonify::output::atomic::WriteError;
 use insonify::output::png;
 use insonify::output::sequence::{FrameInfo, SequenceWriter};
 use insonify::synth::Frame;
@@ -80,15 +81,22 @@ fn ends_in_separator(path: &Path) -> bool {
 
 /// A target being written.
 pub struct Output<'a> {
-    target: &'a Target,
+    pub target: &'a Target,
     sequence: Option<SequenceWriter>,
 }
 
 impl<'a> Output<'a> {
-    /// Makes the folder or starts the sequence, so that what cannot be written shows before anything is rendered.
+    /// Makes the folder, starts the sequence, or looks for the folder of the file, so that what cannot be written shows
+    /// before anything is rendered.
     pub fn open(target: &'a Target, width: usize, height: usize) -> Result<Self, Failure> {
         let sequence = match target {
-            Target::File(_) => None,
+            Target::File(path) => {
+                let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+                if let Some(Err(cause)) = folder.map(fs::metadata) {
+                    return Err(WriteError::new(path, cause).into());
+                }
+                None
+            }
             Target::Folder(folder) => {
                 fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
                     path: folder.clone(),
