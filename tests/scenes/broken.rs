@@ -140,7 +140,8 @@ fn every_value_replaced_by_every_word() {
                 let mut broken = text.clone();
                 broken.replace_range(place.clone(), &format!(" {word}"));
                 if let Err(error) = SceneFile::parse(&broken, "broken.toml") {
-                    let _ = format!("{error}{:?}", miette::Report::new(error));
+                    let _ = error.to_string();
+                    let _ = format!("{:?}", miette::Report::new(error));
                 }
             }
         }

@@ -60,7 +60,7 @@ fn fields_add_up_and_the_mesh_covers_the_volume() {
     let volume = &scene.anatomy.volume;
     let size = volume.size().map(|n| n as f64);
     let corner =
-        |sign: f64| volume.centre_mm() + Vector3::from(size).component_mul(&volume.spacing_mm().into()) * (0.5 * sign);
+        |sign: f64| volume.centre_mm() + Vector3::from(size).component_mul(&Vector3::from(volume.spacing_mm())) * (0.5 * sign);
     let [low, high] = mesh.bounds();
     assert!((Point3::from(low) - corner(-1.0)).norm() < 1e-9 && (Point3::from(high) - corner(1.0)).norm() < 1e-9);
 }
