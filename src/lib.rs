@@ -15,7 +15,7 @@
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes and point location |
-//! | [`study`] | benchmarks |
+//! | [`study`] | benchmarks, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
 //! # Axes and units
@@ -25,6 +25,7 @@
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
 pub mod effects;
+pub mod error;
 pub mod gpu;
 pub mod mechanics;
 pub mod output;
@@ -32,7 +33,9 @@ pub mod phantom;
 pub mod plan;
 pub mod random;
 pub mod real;
+pub mod scene;
 mod simd;
+pub mod study;
 pub mod synth;
 pub mod tissue;
 pub mod tracking;

@@ -80,6 +80,17 @@ pub enum InvalidNeedle {
     },
 }
 
+impl InvalidNeedle {
+    /// The key of a needle table at fault, if it is one key's.
+    pub fn key(&self) -> Option<&'static str> {
+        match self {
+            Self::OutOfRange { key, .. } | Self::Point { key, .. } | Self::Direction { key, .. } => Some(key),
+            Self::TooFewNodes { .. } => Some("nodes_mm"),
+            Self::Coincident { .. } | Self::Incomplete { .. } => None,
+        }
+    }
+}
+
 impl NeedlePose {
     /// A straight needle: its tip, the direction that it points in (any length), the length of its shaft and its diameter, mm.
     pub fn straight(

@@ -73,6 +73,18 @@ pub enum InvalidPose {
     },
 }
 
+impl InvalidPose {
+    /// The key of a pose table at fault, if it is one key's.
+    pub fn key(&self) -> Option<&'static str> {
+        match self {
+            Self::Matrix(_) => Some("matrix"),
+            Self::Vector { key, .. } | Self::Number { key, .. } => Some(key),
+            Self::ParallelLateral { .. } => Some("lateral"),
+            Self::Quaternion { .. } | Self::Incomplete { .. } => None,
+        }
+    }
+}
+
 impl Pose {
     /// The probe frame as the world frame.
     pub fn identity() -> Self {

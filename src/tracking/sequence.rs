@@ -14,6 +14,7 @@ use crate::volume::{VolumeError, read_data, read_header};
 mod keys;
 mod orientation;
 
+pub(crate) use keys::ends;
 pub use orientation::Orientation;
 
 /// A transform of one frame.

@@ -105,7 +105,7 @@ fn is_affine(matrix: &Matrix4<f64>) -> bool {
 }
 
 /// The two coordinate systems that a name such as `ProbeToTracker` connects.
-pub(super) fn ends(name: &str) -> Option<(&str, &str)> {
+pub(crate) fn ends(name: &str) -> Option<(&str, &str)> {
     name.match_indices("To").find_map(|(at, _)| {
         let (from, to) = (&name[..at], &name[at + 2..]);
         (!from.is_empty() && to.starts_with(char::is_uppercase)).then_some((from, to))

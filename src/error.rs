@@ -1,0 +1,123 @@
+//! The top error: each module's own, and whether the user or the machine can mend it.
+
+use std::fmt;
+
+use miette::{Diagnostic, LabeledSpan, SourceCode};
+
+use crate::gpu::GpuError;
+use crate::mechanics::mesh::vtk::MeshFileError;
+use crate::output::atomic::WriteError;
+use crate::output::png::PngError;
+use crate::output::sequence::SequenceError;
+use crate::phantom::PhantomError;
+use crate::scene::SceneError;
+use crate::synth::SynthError;
+use crate::volume::VolumeError;
+use crate::volume::complete::CompletionError;
+
+/// Anything that can go wrong between a command and its output.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scene cannot be used.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// An image file cannot be read or written.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// A volume cannot be completed.
+    #[error(transparent)]
+    Completion(#[from] CompletionError),
+    /// A phantom cannot be made.
+    #[error(transparent)]
+    Phantom(#[from] PhantomError),
+    /// A mesh file cannot be read or written.
+    #[error(transparent)]
+    Mesh(#[from] MeshFileError),
+    /// A frame cannot be synthesised.
+    #[error(transparent)]
+    Synth(#[from] SynthError),
+    /// The GPU could not do it.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A picture cannot be written.
+    #[error(transparent)]
+    Png(#[from] PngError),
+    /// An image sequence cannot be written.
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Exit status for what the machine could not do.
+pub const MACHINE: u8 = 1;
+/// Exit status for wrong arguments, files or scenes.
+pub const INPUT: u8 = 2;
+
+impl Error {
+    /// Whether the machine failed, rather than the input.
+    pub fn is_machine(&self) -> bool {
+        match self {
+            Self::Scene(error) => error.is_machine(),
+            Self::Volume(error) => error.is_machine(),
+            Self::Mesh(error) => error.is_machine(),
+            Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
+            Self::Png(error) => error.is_machine(),
+            Self::Sequence(error) => error.is_machine(),
+            Self::Write(_) => true,
+            Self::Completion(_) | Self::Phantom(_) | Self::Synth(_) => false,
+        }
+    }
+
+    /// Exit status of the program: [`MACHINE`] or [`INPUT`].
+    pub fn exit_status(&self) -> u8 {
+        if self.is_machine() { MACHINE } else { INPUT }
+    }
+}
+
+impl Diagnostic for Error {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        match self {
+            Self::Scene(error) => error.help(),
+            _ => None,
+        }
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        match self {
+            Self::Scene(error) => error.source_code(),
+            _ => None,
+        }
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        match self {
+            Self::Scene(error) => error.labels(),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene::SceneFile;
+
+    #[test]
+    fn input_is_told_from_machine() {
+        let full = WriteError::new(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
+        assert_eq!(Error::from(full).exit_status(), MACHINE);
+        let missing = crate::volume::load(Path::new("/nowhere/labels.nii"))
+            .map(drop)
+            .unwrap_err();
+        assert_eq!(Error::from(missing).exit_status(), INPUT);
+        let scene = SceneFile::parse("version = 2", "x.toml").and_then(|file| file.resolve(Path::new(".")).map(drop));
+        let error = Error::from(scene.unwrap_err());
+        assert_eq!(error.exit_status(), INPUT);
+        assert!(error.source_code().is_some() && error.labels().is_some());
+    }
+}

@@ -1,0 +1,177 @@
+//! What a user writes, validated: a scene file in TOML becomes a [`Scene`], in which every effect and model is optional.
+//!
+//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads what it names, fills in what it leaves open, checks
+//! every number against its range and says what was assumed. The format is explained by the commented default scene,
+//! [`DEFAULT`], and described by [`schema`].
+//!
+//! ```
+//! use insonify::scene::SceneFile;
+//!
+//! let file = SceneFile::parse("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
+//! let scene = file.resolve(".".as_ref())?;
+//! assert_eq!(scene.frames(), 1);
+//!
+//! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
+//! assert_eq!(error.location(), Some(("mine.toml", 3)));
+//! # Ok::<(), insonify::scene::SceneError>(())
+//! ```
+
+mod check;
+pub mod deform;
+mod error;
+mod file;
+mod motion;
+mod paths;
+mod resolve;
+mod source;
+mod suggest;
+mod target;
+mod timeline;
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+pub use deform::DeformSpec;
+pub use error::{Problem, SceneError};
+pub use file::{ImageSpec, PoseTable, SceneFile, TextureSpec, VERSION, VolumeSpec};
+pub use paths::{
+    BendingSpec, MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec,
+};
+pub use source::Source;
+
+use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::{FrameState, NeedleShaft};
+use crate::tracking::needle::NeedlePose;
+use crate::tracking::pose::Pose;
+use crate::tracking::trajectory::Trajectory;
+use deform::Deformation;
+use motion::Needle;
+use timeline::Timeline;
+
+/// The default scene, every key explained.
+pub const DEFAULT: &str = include_str!("../assets/default.toml");
+
+/// The scenes that come with the crate, by name: each an example of one thing.
+pub const EXAMPLES: &[(&str, &str)] = &[
+    ("default", DEFAULT),
+    ("liver-needle", include_str!("../assets/liver-needle.toml")),
+    ("prostate-trus", include_str!("../assets/prostate-trus.toml")),
+    ("spine-linear", include_str!("../assets/spine-linear.toml")),
+    ("sweep", include_str!("../assets/sweep.toml")),
+];
+
+/// The JSON schema of a scene file.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(SceneFile).to_value()
+}
+
+/// A scene that can be rendered: every number in its range, every file read.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// What is imaged.
+    pub anatomy: Anatomy,
+    /// How it is imaged.
+    pub settings: Settings,
+    /// What was assumed, for people to read.
+    pub notes: Vec<String>,
+    /// What is odd, for people to heed.
+    pub warnings: Vec<String>,
+    /// The scene file with probe, image, effects and a pose that stays filled in.
+    pub file: SceneFile,
+    probe: Trajectory,
+    needle: Option<Needle>,
+    deformation: Option<Deformation>,
+    timeline: Timeline,
+}
+
+impl Scene {
+    /// Frames that the scene asks for: what it states, or else one for each pose of a recording, 25 a second of any other
+    /// motion, and 1 where nothing moves.
+    pub fn frames(&self) -> usize {
+        self.timeline.frames()
+    }
+
+    /// The time of frame `frame` of `of`, s. As many frames as a recording has poses lie at its own times; otherwise frames
+    /// are spread evenly.
+    pub fn time_s(&self, frame: usize, of: usize) -> f64 {
+        self.timeline.time_s(frame, of)
+    }
+
+    /// Where the probe is in frame `frame` of `of`.
+    pub fn probe_pose(&self, frame: usize, of: usize) -> Pose {
+        self.probe.at(self.time_s(frame, of))
+    }
+
+    /// Where the needle is in frame `frame` of `of`, if the scene has one.
+    pub fn needle_pose(&self, frame: usize, of: usize) -> Option<NeedlePose> {
+        match self.needle.as_ref()? {
+            Needle::Still(pose) => Some(pose.clone()),
+            Needle::Moving { path, .. } => Some(path.at(self.time_s(frame, of))),
+        }
+    }
+
+    /// The path of the probe.
+    pub fn probe_path(&self) -> &Trajectory {
+        &self.probe
+    }
+
+    /// Fills in what frame `frame` of `of` is made of. What `into` holds already is reused.
+    ///
+    /// # Errors
+    /// [`Problem::Frame`] where there is no such frame.
+    pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), SceneError> {
+        if frame >= of {
+            return Err(SceneError::new(Problem::Frame { frame, of }));
+        }
+        let time_s = self.time_s(frame, of);
+        into.frame = frame as u64;
+        into.probe_to_world = *self.probe.at(time_s).probe_to_world();
+        match &self.needle {
+            None => into.needle = None,
+            Some(Needle::Still(pose)) => show(pose, &mut into.needle),
+            Some(Needle::Moving { path, .. }) => show(&path.at(time_s), &mut into.needle),
+        }
+        match &self.deformation {
+            None => into.nodes = None,
+            Some(deformation) => {
+                let time_s = time_s - self.timeline.start_s();
+                deformation.nodes_at(time_s, into.nodes.get_or_insert_default());
+            }
+        }
+        Ok(())
+    }
+}
+
+fn show(pose: &NeedlePose, shaft: &mut Option<NeedleShaft>) {
+    let shaft = shaft.get_or_insert_with(|| NeedleShaft {
+        nodes: Vec::new(),
+        diameter_mm: 0.0,
+    });
+    let nodes: &[Point3<f64>] = pose.nodes_mm();
+    shaft.nodes.clear();
+    shaft.nodes.extend_from_slice(nodes);
+    shaft.diameter_mm = pose.diameter_mm();
+}
+
+impl SceneFile {
+    /// Reads a scene file.
+    ///
+    /// # Errors
+    /// [`SceneError`] for a file that cannot be read or is no scene.
+    pub fn read(path: &Path) -> Result<Self, SceneError> {
+        let bytes = std::fs::read(path).map_err(|cause| {
+            SceneError::new(Problem::Read {
+                path: path.to_owned(),
+                cause,
+            })
+        })?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            SceneError::new(Problem::NotText {
+                path: path.to_owned(),
+                byte: error.utf8_error().valid_up_to(),
+            })
+        })?;
+        Self::parse(&text, &path.display().to_string())
+    }
+}

@@ -1,0 +1,118 @@
+//! Checks that need nothing but the file's own text.
+
+use super::error::{At, Problem, SceneError};
+use super::file::{SceneFile, VERSION, VolumeSpec};
+use crate::effects::Effects;
+use crate::phantom::Phantom;
+use crate::synth::tables::ImageSize;
+use crate::tracking::probe::{BeamGrid, ImageGrid, InvalidGrid, Probe, ProbeShape};
+
+/// Most frames that a scene may state.
+const MAX_FRAMES: u32 = 1_000_000;
+
+/// What a scene says of a frame, whatever is in it.
+pub(super) struct Framing {
+    pub probe: Probe,
+    pub grid: BeamGrid,
+    pub image: ImageSize,
+    pub effects: Effects,
+}
+
+impl SceneFile {
+    /// Checks version, probe, image, effects and the number of frames, and fills in what is left open.
+    pub(super) fn framing(&self) -> Result<Framing, SceneError> {
+        if self.version != Some(VERSION) {
+            return Err(self.fault("version", Problem::Version { found: self.version }));
+        }
+        let volume = self.volume()?;
+        let probe = match self.probe {
+            Some(spec) => Probe::try_from(spec),
+            None => usual_probe(volume.phantom),
+        };
+        let probe = probe.map_err(|error| self.fault(format!("probe.{}", error.key()), error))?;
+        let grid = BeamGrid::new(&probe).at(self, "probe")?;
+        let image = self.image.unwrap_or_default();
+        let image = ImageSize {
+            width: image.width as usize,
+            height: image.height as usize,
+            margin: image.margin,
+            fill: image.fill,
+        };
+        ImageGrid::fit(&grid, image.width, image.height, image.margin).map_err(|error| {
+            let key = match &error {
+                InvalidGrid::Margin(_) => "image.margin",
+                InvalidGrid::Size { height: 1..=16384, .. } => "image.width",
+                InvalidGrid::Size { .. } => "image.height",
+                InvalidGrid::Place { .. } => "image",
+            };
+            self.fault(key, error)
+        })?;
+        let effects = self.effects.clone().unwrap_or_else(Effects::usual);
+        effects
+            .validate()
+            .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;
+        if let Some(frames) = self.motion.as_ref().and_then(|motion| motion.frames)
+            && !(1..=MAX_FRAMES).contains(&frames)
+        {
+            let found = f64::from(frames);
+            let expected = "1 to 1000000 frames";
+            return Err(self.fault("motion.frames", Problem::Number { found, expected }));
+        }
+        Ok(Framing {
+            probe,
+            grid,
+            image,
+            effects,
+        })
+    }
+
+    /// The volume table, which names exactly one volume and no key that has no meaning for it.
+    pub(super) fn volume(&self) -> Result<&VolumeSpec, SceneError> {
+        const EXPECTED: &str = "exactly one of `phantom = \"abdomen\"` (or another) and `file = \"labels.nii.gz\"`";
+        let Some(volume) = &self.volume else {
+            return Err(self.wrong_keys("volume", "no `[volume]`", EXPECTED));
+        };
+        match (&volume.phantom, &volume.file) {
+            (None, None) => return Err(self.wrong_keys("volume", "neither `phantom` nor `file`", EXPECTED)),
+            (Some(_), Some(_)) => return Err(self.wrong_keys("volume", "both `phantom` and `file`", EXPECTED)),
+            _ => {}
+        }
+        let for_phantoms = [
+            ("resolution_mm", volume.resolution_mm.is_some()),
+            ("seed", volume.seed.is_some()),
+        ];
+        let for_files = [
+            ("unlabelled", volume.unlabelled.is_some()),
+            ("fat_mm", volume.fat_mm.is_some()),
+            ("skin_mm", volume.skin_mm.is_some()),
+        ];
+        let (idle, with, expected): (&[_], _, _) = match volume.phantom {
+            Some(_) => (&for_files, "a phantom", "only keys that mean something for a phantom"),
+            None => (&for_phantoms, "a file", "only keys that mean something for a file"),
+        };
+        match idle.iter().find(|(_, given)| *given) {
+            Some((key, _)) => Err(self.wrong_keys(format!("volume.{key}"), format!("`{key}` with {with}"), expected)),
+            None => Ok(volume),
+        }
+    }
+}
+
+/// The probe for which a phantom's own pose is made, and a deep curvilinear one for files.
+fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, crate::tracking::probe::InvalidProbe> {
+    let (shape, depth_mm) = match phantom {
+        None | Some(Phantom::Abdomen) => {
+            let (radius_mm, angle_deg) = (60.0, 70.0);
+            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 150.0)
+        }
+        Some(Phantom::Prostate) => {
+            let (radius_mm, angle_deg) = (10.0, 160.0);
+            (ProbeShape::TrusTransverse { radius_mm, angle_deg }, 60.0)
+        }
+        Some(Phantom::Spine) => {
+            let (radius_mm, angle_deg) = (60.0, 60.0);
+            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 100.0)
+        }
+        Some(Phantom::TwoLayer) => (ProbeShape::Linear { width_mm: 38.0 }, 75.0),
+    };
+    Probe::new(shape, depth_mm)
+}

@@ -1,0 +1,187 @@
+//! How probe and needle move, as written in a scene file.
+
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::tracking::matrix::Rows;
+use crate::tracking::needle::{BendingConstraint, NeedleSpec};
+use crate::tracking::trajectory::{Interpolation, KeyframeSpec};
+
+/// How the probe moves: at most one of `keyframes`, `csv` and `sequence`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotionSpec {
+    /// Frames to make, spread evenly over the time of the motion (1 to 1000000). Default: one a valid pose of a tracked
+    /// sequence or row of a CSV path; 25 a second of a path through keyframes or of a ramp, at most 1000; else 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<u32>,
+    /// How positions run between poses. Default `linear`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<Interpolation>,
+    /// Timed poses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keyframes: Option<Vec<KeyframeSpec>>,
+    /// A CSV file with a timed pose a row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`, `dz`
+    /// (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub csv: Option<PathBuf>,
+    /// A tracked sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<SequenceSpec>,
+}
+
+/// A probe's path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SequenceSpec {
+    /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
+    #[schemars(required)]
+    pub file: Option<PathBuf>,
+    /// The transform from the marker on the probe to the tracker: one that the file has, or one that follows from those it
+    /// has. Default `ProbeToTracker`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transform: Option<String>,
+    /// Rigid transform from the centre of the array (the probe frame of this crate) to the marker. Default: identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transducer_to_probe: Option<Rows>,
+    /// In place of that: a calibration from pixels (orientation MF) to the marker.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_to_probe: Option<Rows>,
+    /// The pixel (column, row) at which the centre of the array lies in the calibrated image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub array_centre_px: Option<[f64; 2]>,
+    /// In place of those: a PLUS configuration file that holds the calibration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plus_config: Option<PathBuf>,
+    /// Rigid transform from the tracker to the world (LPS). Default: identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracker_to_world: Option<Rows>,
+}
+
+/// A needle: where it lies, or how it moves.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NeedleTable {
+    /// The tip in the world (LPS), mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip_mm: Option<[f64; 3]>,
+    /// A point that the shaft passes through on its way to the tip, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub entry_mm: Option<[f64; 3]>,
+    /// Where the needle points; any length.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// A bent shaft: at least two points, hub first, tip last, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nodes_mm: Option<Vec<[f64; 3]>>,
+    /// Length of a straight shaft, mm (0.1 to 1000). Default 150.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diameter_mm: Option<f64>,
+    /// How it moves, in place of where it lies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<NeedleMotionSpec>,
+    /// How far a moving needle may bend once it is in the body. Default: freely.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bending: Option<BendingSpec>,
+}
+
+impl NeedleTable {
+    /// The keys that make a needle at rest.
+    pub fn pose(&self) -> NeedleSpec {
+        NeedleSpec {
+            tip_mm: self.tip_mm,
+            entry_mm: self.entry_mm,
+            direction: self.direction,
+            nodes_mm: self.nodes_mm.clone(),
+            length_mm: self.length_mm,
+            diameter_mm: self.diameter_mm,
+        }
+    }
+}
+
+/// How a needle moves: exactly one of `keyframes`, `csv` and `sequence`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NeedleMotionSpec {
+    /// How positions run between poses. Default `linear`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interpolation: Option<Interpolation>,
+    /// Timed tips and directions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub keyframes: Option<Vec<NeedleKeyframe>>,
+    /// A CSV file as for the probe, with the tip in place of the array and the needle's direction in place of the axial one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub csv: Option<PathBuf>,
+    /// A tracked sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<NeedleSequenceSpec>,
+}
+
+/// Where a needle is at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeedleKeyframe {
+    /// When, s; later than the keyframe before it.
+    pub time_s: f64,
+    /// The tip in the world (LPS), mm.
+    pub tip_mm: [f64; 3],
+    /// Where the needle points; any length.
+    pub direction: [f64; 3],
+}
+
+/// A needle's path from a tracked sequence file of PLUS.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NeedleSequenceSpec {
+    /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
+    #[schemars(required)]
+    pub file: Option<PathBuf>,
+    /// The transform from the marker on the needle to the tracker. Default `NeedleToTracker`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transform: Option<String>,
+    /// Rigid transform from the tip's frame to the marker. Default: identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip_to_marker: Option<Rows>,
+    /// Direction from hub to tip in the tip's frame. Default `[0, 0, 1]`, as in PLUS's needle models.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shaft_axis: Option<[f64; 3]>,
+    /// Rigid transform from the tracker to the world (LPS). Default: identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracker_to_world: Option<Rows>,
+}
+
+/// The bending constraint of a needle and where it entered the body.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BendingSpec {
+    /// Where the needle entered the body (LPS), mm.
+    pub entry_mm: [f64; 3],
+    /// The direction in which it entered; any length.
+    pub entry_direction: [f64; 3],
+    /// Largest weight of the entry direction (0 to 1). Default 0.9.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_weight: Option<f64>,
+    /// How sharply bending becomes constrained, 1/mm (0 to 10). Default 0.06.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alpha_per_mm: Option<f64>,
+    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delta_mm: Option<f64>,
+}
+
+impl BendingSpec {
+    /// The constraint, defaults filled in.
+    pub fn constraint(&self) -> BendingConstraint {
+        let usual = BendingConstraint::default();
+        BendingConstraint {
+            max_weight: self.max_weight.unwrap_or(usual.max_weight),
+            alpha_per_mm: self.alpha_per_mm.unwrap_or(usual.alpha_per_mm),
+            delta_mm: self.delta_mm.unwrap_or(usual.delta_mm),
+        }
+    }
+}

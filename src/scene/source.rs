@@ -1,0 +1,152 @@
+//! The text of a scene file, and where in it a key stands.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use serde::Deserialize;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::error::{Problem, SceneError};
+use super::file::SceneFile;
+use super::suggest;
+
+/// The text of a scene file and the name that errors give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    name: String,
+    text: String,
+}
+
+impl Source {
+    /// The file's name as errors show it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The text.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// The line that a byte lies in, from 1.
+    pub fn line(&self, byte: usize) -> usize {
+        let before = &self.text.as_bytes()[..byte.min(self.text.len())];
+        1 + before.iter().filter(|&&b| b == b'\n').count()
+    }
+
+    /// Where the value at a key path such as `tissue[2].young_kpa` stands; where it is not written, the innermost table
+    /// around it that is.
+    pub(super) fn find(&self, path: &str) -> Option<Range<usize>> {
+        let root = DeTable::parse(&self.text).ok()?;
+        let (mut table, mut list, mut found) = (Some(root.get_ref()), None, None);
+        for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
+            let number = step.parse::<usize>();
+            // What may be a list may be written as a table on its own.
+            if table.is_some() && number == Ok(0) {
+                continue;
+            }
+            let value: Option<&Spanned<DeValue<'_>>> = match (table, list) {
+                (Some(table), _) => table
+                    .iter()
+                    .find(|(key, _)| key.get_ref() == step)
+                    .map(|(_, value)| value),
+                (None, Some(list)) => number.ok().and_then(|at| <[_]>::get(list, at)),
+                (None, None) => None,
+            };
+            let Some(value) = value else { break };
+            found = Some(value.span());
+            table = value.get_ref().as_table();
+            list = value.get_ref().as_array().map(|list| &list[..]);
+        }
+        found
+    }
+
+    /// Where a key of that name stands within a range of the text: the error of a tagged table points at the whole of it.
+    fn find_key(&self, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
+        fn search(table: &DeTable<'_>, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
+            table.iter().find_map(|(key, value)| {
+                let span = key.span();
+                if key.get_ref() == name && within.start <= span.start && span.end <= within.end {
+                    return Some(span);
+                }
+                search_value(value.get_ref(), within, name)
+            })
+        }
+        fn search_value(value: &DeValue<'_>, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
+            match value {
+                DeValue::Table(table) => search(table, within, name),
+                DeValue::Array(list) => list
+                    .iter()
+                    .find_map(|value| search_value(value.get_ref(), within, name)),
+                _ => None,
+            }
+        }
+        search(DeTable::parse(&self.text).ok()?.get_ref(), within, name)
+    }
+}
+
+impl SceneFile {
+    /// Parses the text of a scene file; `name` names it in errors.
+    ///
+    /// # Errors
+    /// [`SceneError`] that points at what is no TOML, at a key that no scene has, or at a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
+        let source = Arc::new(Source {
+            name: name.to_owned(),
+            text: text.to_owned(),
+        });
+        let parsed = toml::Deserializer::parse(text).and_then(Self::deserialize);
+        let mut file = parsed.map_err(|error| unreadable(&source, &error))?;
+        file.source = Some(source);
+        Ok(file)
+    }
+}
+
+fn unreadable(source: &Arc<Source>, error: &toml::de::Error) -> SceneError {
+    let message = error.message();
+    let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
+    let Some((key, known)) = suggest::unknown_field(message) else {
+        let help = suggest::unknown_variant(message);
+        return SceneError::new(Problem::Syntax(message.trim_end().replace('\n', "; ")))
+            .in_text(source, span)
+            .with_help(help);
+    };
+    let all = 0..source.text.len();
+    let place = source.find_key(span.as_ref().unwrap_or(&all), &key).or(span);
+    let help = suggest::for_key(&key, &known);
+    SceneError::new(Problem::UnknownKey { key, known })
+        .in_text(source, place)
+        .with_help(help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "seed = 4\n[effects.tone]\ngain_db = 3 # loud\ntgc_points = [[0, 1], [2, 30]]\n\n[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"b\"\n";
+
+    fn shown(path: &str) -> Option<&'static str> {
+        let source = Source {
+            name: "x".into(),
+            text: TEXT.into(),
+        };
+        source.find(path).map(|span| &TEXT[span])
+    }
+
+    #[test]
+    fn paths_lead_to_values() {
+        assert_eq!(shown("seed"), Some("4"));
+        assert_eq!(shown("effects.tone.gain_db"), Some("3"));
+        assert_eq!(shown("effects.tone.tgc_points[1][1]"), Some("30"));
+        assert_eq!(shown("tissue[1].name"), Some("\"b\""));
+        assert_eq!(shown("nothing"), None);
+    }
+
+    #[test]
+    fn a_key_that_is_not_written_leads_to_its_table() {
+        assert_eq!(shown("effects.tone.gamma"), Some("[effects.tone]"));
+        assert_eq!(shown("tissue[0].young_kpa"), Some("[[tissue]]"));
+        assert_eq!(shown("effects.tone.gain_db.deeper"), Some("3"));
+    }
+}

@@ -1,0 +1,217 @@
+//! Where a probe goes that the scene gives no pose.
+
+use nalgebra::{Point3, Vector3};
+
+use super::error::{Problem, SceneError};
+use super::file::SceneFile;
+use super::suggest;
+use crate::phantom;
+use crate::tissue::{TissueTable, totalsegmentator};
+use crate::tracking::matrix::Rows;
+use crate::tracking::placement::{Meaning, PlacementOptions, place};
+use crate::tracking::pose::{Pose, PoseSpec};
+use crate::tracking::probe::Probe;
+use crate::volume::{Label, LabelVolume};
+
+/// What a placement knows of the body.
+pub(super) struct Body<'a> {
+    pub volume: &'a LabelVolume,
+    pub tissues: &'a TissueTable,
+}
+
+impl SceneFile {
+    /// The pose of a probe that stays, with what was assumed of it.
+    pub(super) fn fixed_pose(
+        &self,
+        body: &Body<'_>,
+        probe: &Probe,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Pose, SceneError> {
+        let table = self.pose.clone().unwrap_or_default();
+        let invalid = |error: crate::tracking::pose::InvalidPose| {
+            let key = error
+                .key()
+                .map_or_else(|| "pose".to_owned(), |key| format!("pose.{key}"));
+            self.fault(key, error)
+        };
+        if table.is_explicit() {
+            if table.target.is_some() || table.plane.is_some() {
+                let found = "both where the probe is and `target` or `plane` to place it by";
+                return Err(self.wrong_keys("pose", found, "one of them"));
+            }
+            return table.pose().pose(None).map_err(invalid);
+        }
+        let phantom = self.volume.as_ref().and_then(|volume| volume.phantom);
+        let base = match phantom {
+            Some(phantom) if table.target.is_none() && table.plane.is_none() => {
+                let pose = Pose::from_matrix(&phantom::default_pose(phantom)).map_err(invalid)?;
+                notes.push("the probe is at the phantom's own pose".to_owned());
+                pose
+            }
+            _ => self.placed(body, probe, notes, warnings)?,
+        };
+        let turned = PoseSpec {
+            matrix: Some(Rows(*base.probe_to_world())),
+            ..table.pose()
+        };
+        turned.pose(None).map_err(invalid)
+    }
+
+    fn placed(
+        &self,
+        body: &Body<'_>,
+        probe: &Probe,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Pose, SceneError> {
+        let table = self.pose.clone().unwrap_or_default();
+        let label = match &table.target {
+            Some(target) => body.named(target).ok_or_else(|| {
+                let names = body.names();
+                let help = suggest::nearest(target, names.iter().map(String::as_str));
+                let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
+                let expected = format!("one of {}", names.join(", "));
+                let found = target.clone();
+                self.fault("pose.target", Problem::Name { found, expected })
+                    .with_help(help)
+            })?,
+            None => body.largest_organ().ok_or_else(|| {
+                let expected = "labelled tissue, or a `[pose]`";
+                self.wrong_keys(
+                    "volume",
+                    "nothing to place the probe over: no voxel is labelled",
+                    expected,
+                )
+            })?,
+        };
+        let options = PlacementOptions {
+            plane: table.plane,
+            shape: probe.shape,
+            depth_mm: probe.depth_mm,
+        };
+        let (tissues, name) = (body.tissues, body.name(label));
+        let meaning = Meaning {
+            is_body: &|label| !is_outside(tissues, label),
+            is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
+        };
+        match place(body.volume, &[label], &meaning, &options) {
+            Ok(placement) => {
+                notes.push(format!("placed over {name}: {}", placement.note));
+                Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
+            }
+            Err(error) => {
+                warnings.push(format!(
+                    "{error}. The probe is put before {name} at the front of the volume instead"
+                ));
+                body.before(label).map_err(|error| self.fault("pose", error))
+            }
+        }
+    }
+}
+
+/// Whether a label is the air around the body.
+fn is_outside(tissues: &TissueTable, label: u8) -> bool {
+    matches!(tissues.of(label).name.as_ref(), "background" | "air")
+}
+
+impl Body<'_> {
+    fn counts(&self) -> [u64; 256] {
+        let mut counts = [0; 256];
+        for &label in self.volume.voxels() {
+            counts[usize::from(label)] += 1;
+        }
+        counts
+    }
+
+    fn largest(&self, wanted: impl Fn(u8, &Label) -> bool) -> Option<u8> {
+        let counts = self.counts();
+        (0u8..=255)
+            .zip(self.volume.labels())
+            .skip(1)
+            .filter(|(label, of)| counts[usize::from(*label)] > 0 && wanted(*label, of))
+            .map(|(label, _)| label)
+            .max_by_key(|label| (counts[usize::from(*label)], std::cmp::Reverse(*label)))
+    }
+
+    /// The largest soft organ, or else the largest label that the file itself has.
+    fn largest_organ(&self) -> Option<u8> {
+        self.largest(|label, _| self.tissues.of(label).soft_organ)
+            .or_else(|| self.largest(|label, of| of.voxels > 0 && !is_outside(self.tissues, label)))
+            .or_else(|| self.largest(|label, _| !is_outside(self.tissues, label)))
+    }
+
+    /// The largest label that a target names: by value, by whole name, or by a part of one.
+    fn named(&self, target: &str) -> Option<u8> {
+        let wanted = plain(target);
+        let whole = |label: u8, of: &Label| self.names_of(label, of).contains(&wanted);
+        let part = |label: u8, of: &Label| {
+            let has = |name: &String| format!("_{name}_").contains(&format!("_{wanted}_")) || name.starts_with(&wanted);
+            !wanted.is_empty() && self.names_of(label, of).iter().any(has)
+        };
+        let by_value = target.trim().parse::<i64>().ok();
+        self.largest(|_, of| Some(of.value) == by_value)
+            .or_else(|| self.largest(whole))
+            .or_else(|| self.largest(part))
+    }
+
+    fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
+        let class = totalsegmentator::by_value(of.value).filter(|_| of.name.is_none());
+        let own = of.name.as_deref().or(class.map(|class| class.name));
+        own.into_iter()
+            .chain([self.tissues.of(label).name.as_ref()])
+            .map(plain)
+            .collect()
+    }
+
+    /// The names that a target may have.
+    fn names(&self) -> Vec<String> {
+        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
+        let mut names: Vec<String> = labels.flat_map(|(label, of)| self.names_of(label, of)).collect();
+        names.sort();
+        names.dedup();
+        names
+    }
+
+    fn name(&self, label: u8) -> String {
+        let of = &self.volume.labels()[usize::from(label)];
+        self.names_of(label, of)
+            .into_iter()
+            .next()
+            .unwrap_or_else(|| of.value.to_string())
+    }
+
+    /// A probe at the front face of the volume, before the middle of a label, looking back.
+    fn before(&self, label: u8) -> Result<Pose, crate::tracking::pose::InvalidPose> {
+        let [nx, ny, nz] = self.volume.size();
+        let to_world = self.volume.index_to_world();
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for (at, _) in self
+            .volume
+            .voxels()
+            .iter()
+            .enumerate()
+            .filter(|(_, voxel)| **voxel == label)
+        {
+            sum += Vector3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+            count += 1.0;
+        }
+        let middle = to_world.transform_point(&Point3::from(sum / f64::max(count, 1.0)));
+        let ends = [nx, ny, nz].map(|n| [0.0, n as f64 - 1.0]);
+        let front = (0..8)
+            .map(|corner| Point3::new(ends[0][corner & 1], ends[1][corner >> 1 & 1], ends[2][corner >> 2]))
+            .map(|corner| to_world.transform_point(&corner).y)
+            .fold(f64::INFINITY, f64::min);
+        Pose::from_direction(Point3::new(middle.x, front, middle.z), Vector3::y(), None)
+    }
+}
+
+/// Lower case, and everything but letters and digits as single underscores.
+fn plain(name: &str) -> String {
+    let lower = name.to_lowercase();
+    let words: Vec<&str> = lower
+        .split(|c: char| !c.is_alphanumeric())
+        .filter(|word| !word.is_empty())
+        .collect();
+    words.join("_")
+}

@@ -1,0 +1,266 @@
+//! Every mistake is named, with its key, its line and a caret on it.
+
+use insonify::scene::{Problem, SceneError};
+use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
+
+use crate::support::{fault, small};
+
+/// The text that the caret stands under.
+fn marked(error: &SceneError, text: &str) -> String {
+    let label = error.labels().and_then(|mut labels| labels.next()).expect("label");
+    text[label.offset()..label.offset() + label.len()].to_owned()
+}
+
+/// Scene text, what the caret marks, what the message says.
+fn check(text: &str, mark: &str, says: &[&str]) {
+    let error = fault(text);
+    let shown = error.to_string();
+    assert_eq!(marked(&error, text), mark, "{shown}\nof\n{text}");
+    let help = error.help().map(|help| help.to_string()).unwrap_or_default();
+    for part in says {
+        assert!(
+            shown.contains(part) || help.contains(part),
+            "{shown}\n{help}\nlacks {part}"
+        );
+    }
+    assert!(!error.is_machine());
+}
+
+#[test]
+fn text_that_is_no_toml() {
+    check("version = 1\n[volume\nphantom = 3", "\n", &["test.toml, line 2"]);
+    check(&small("seed = = 3"), "=", &["line 5"]);
+}
+
+#[test]
+fn unknown_keys_get_a_suggestion() {
+    check(
+        &small("[probe]\nkind = \"phased\"\nangle_deg = 80\ndepht_mm = 160"),
+        "depht_mm",
+        &["unknown key", "did you mean `depth_mm`?", "line 8"],
+    );
+    check(&small("[effects.speckel]"), "speckel", &["did you mean `speckle`?"]);
+    check(&small("[image]\ndepth_mm = 3"), "depth_mm", &["belongs in [probe]"]);
+    check(
+        &small("[deform.field]\nkind = \"swirl\"\ncentre_mm = [0,0,0]\naxis = [0,0,1]\nangel_deg = 3\nradius_mm = 4"),
+        "angel_deg",
+        &["did you mean `angle_deg`?"],
+    );
+    check(
+        &small("[[tissue]]\nname = \"liver\"\n[[tissue]]\nname = \"x\"\nyoung = 3"),
+        "young",
+        &["young_kpa"],
+    );
+    check(&small("[colour]"), "colour", &["known here", "effects"]);
+}
+
+#[test]
+fn unknown_words_get_a_suggestion() {
+    check(
+        "version = 1\n[volume]\nphantom = \"abdomne\"",
+        "\"abdomne\"",
+        &["did you mean \"abdomen\"?"],
+    );
+    check(
+        &small("[pose]\ntarget = \"livre\""),
+        "\"livre\"",
+        &["pose.target", "did you mean \"liver\"?"],
+    );
+    check(
+        &small("[[tissue]]\nname = \"liver\"\ntexture = \"fatt\""),
+        "\"fatt\"",
+        &["tissue[0].texture", "did you mean \"fat\"?"],
+    );
+    check(
+        &small("[[tissue]]\nname = \"x\"\nlike = \"bon\""),
+        "\"bon\"",
+        &["tissue[0].like"],
+    );
+}
+
+#[test]
+fn numbers_out_of_range_are_marked() {
+    check(
+        &small("[effects.speckle]\naxial_mm = 99"),
+        "99",
+        &["effects.speckle.axial_mm", "0.05 to 10", "line 6"],
+    );
+    check(
+        &small("[effects.tone]\ntgc_points = [[0, 0], [2, 900]]"),
+        "900",
+        &["tgc_points[1][1]"],
+    );
+    check(
+        &small("[probe]\nkind = \"phased\"\nangle_deg = 0\ndepth_mm = 160"),
+        "0",
+        &["probe.angle_deg", "1 to 120"],
+    );
+    check(
+        &small("[probe]\nkind = \"phased\"\nangle_deg = 80\ndepth_mm = nan"),
+        "nan",
+        &["probe.depth_mm", "NaN"],
+    );
+    check(&small("[image]\nmargin = 0.5"), "0.5", &["image.margin", "0.45"]);
+    check(&small("[image]\nwidth = 0"), "0", &["image.width", "16384"]);
+    check(&small("[image]\nheight = 16385"), "16385", &["image.height"]);
+    check(&small("[image]\nfill = 256"), "256", &["256", "u8"]);
+    check(
+        &small("[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"liver\"\npoisson = 0.5"),
+        "0.5",
+        &["tissue[1].poisson"],
+    );
+    check(&small("[motion]\nframes = 0"), "0", &["motion.frames", "1 to 1000000"]);
+    check(
+        "version = 1\n[volume]\nphantom = \"spine\"\nresolution_mm = 0.1",
+        "0.1",
+        &["volume.resolution_mm", "0.3 to 5"],
+    );
+    check(
+        &small(
+            "[deform]\nnodes = 3\n[deform.field]\nkind = \"affine\"\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+        ),
+        "3",
+        &["deform.nodes"],
+    );
+    check(
+        &small(
+            "[deform]\nramp_s = -1\nfield = { kind = \"compression\", fixed_mm = [0,0,0], direction = [0,0,1], strain = 0.1 }",
+        ),
+        "-1",
+        &["deform.ramp_s"],
+    );
+}
+
+#[test]
+fn poses_and_needles_are_marked() {
+    check(
+        &small("[pose]\nposition_mm = [0, 0, 0]\ndirection = [0, 0, 0]"),
+        "[0, 0, 0]",
+        &["pose.direction"],
+    );
+    check(&small("[pose]\ntilt_deg = inf"), "inf", &["pose.tilt_deg"]);
+    check(
+        &small("[pose]\ntarget = \"liver\"\nposition_mm = [0,0,0]"),
+        "[pose]",
+        &["`target`"],
+    );
+    check(
+        &small("[pose]\nmatrix = \"2 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\""),
+        "\"2 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\"",
+        &["pose.matrix", "off a rotation"],
+    );
+    check(
+        &small("[needle]\ntip_mm = [0, 0, 0]\nentry_mm = [0, 0, 9]\ndiameter_mm = 20"),
+        "20",
+        &["needle.diameter_mm", "0.05 to 10"],
+    );
+    check(&small("[needle]"), "[needle]", &["tip_mm"]);
+    check(
+        &small(
+            "[needle]\ntip_mm = [0,0,0]\ndirection = [0,0,1]\n[needle.bending]\nentry_mm = [0,0,0]\nentry_direction = [0,0,1]",
+        ),
+        "[needle.bending]",
+        &["needle.motion"],
+    );
+    check(
+        &small("[deform.field]\nkind = \"compression\"\nfixed_mm = [0,0,0]\ndirection = [0,0,1]\nstrain = 2"),
+        "2",
+        &["deform.field[0].strain", "below 1"],
+    );
+    check(
+        &small("[[deform.field]]\nkind = \"swirl\"\ncentre_mm = [0,0,0]\naxis = [0,0,1]\nangle_deg = 3\nradius_mm = 0"),
+        "0",
+        &["deform.field[0].radius_mm"],
+    );
+}
+
+#[test]
+fn tables_that_do_not_go_together_are_explained() {
+    check("version = 1\n[volume]\n", "[volume]", &["neither `phantom` nor `file`"]);
+    check(
+        "version = 1\n[volume]\nphantom = \"spine\"\nfile = \"a.nii\"",
+        "[volume]",
+        &["both"],
+    );
+    check(&small("fat_mm = 3"), "3", &["volume.fat_mm", "with a phantom"]);
+    check(
+        "version = 2\n[volume]\nphantom = \"spine\"",
+        "2",
+        &["version 2", "version = 1"],
+    );
+    check(&small("[deform]"), "[deform]", &["neither `field` nor `mesh`"]);
+    check(
+        &small(
+            "[pose]\ntarget = \"liver\"\n[[motion.keyframes]]\ntime_s = 0\nposition_mm = [0,0,0]\ndirection = [0,1,0]",
+        ),
+        "[pose]",
+        &["`[motion]`"],
+    );
+    check(
+        &small("[probe]\nkind = \"linear\"\nwidth_mm = 30\ndepth_mm = 50\nangle_deg = 3"),
+        "3",
+        &["no meaning for a linear probe"],
+    );
+    check(
+        &small("[probe]\nkind = \"linear\"\ndepth_mm = 50"),
+        "[probe]",
+        &["`width_mm` is missing"],
+    );
+    check(
+        &small("[probe]\nkind = \"linear\"\nwidth_mm = 50"),
+        "[probe]",
+        &["missing field `depth_mm`"],
+    );
+}
+
+#[test]
+fn a_scene_without_its_musts_has_no_place_but_a_message() {
+    for (text, key) in [("version = 1", "volume"), ("[volume]\nphantom = \"spine\"", "version")] {
+        let error = fault(text);
+        assert_eq!((error.key(), error.location()), (Some(key), None), "{error}");
+    }
+}
+
+#[test]
+fn missing_files_are_named_with_their_key() {
+    let one = "version = 1\n[volume]\nfile = \"nowhere.nii.gz\"";
+    check(one, "\"nowhere.nii.gz\"", &["volume.file", "nowhere.nii.gz", "line 3"]);
+    check(
+        &small("[motion]\ncsv = \"p.csv\""),
+        "\"p.csv\"",
+        &["motion.csv", "p.csv"],
+    );
+    check(
+        &small("[motion.sequence]\nfile = \"s.mha\""),
+        "\"s.mha\"",
+        &["motion.sequence.file", "s.mha"],
+    );
+    check(&small("[motion.sequence]"), "[motion.sequence]", &["no `file`"]);
+    check(
+        &small("[needle.motion]\ncsv = \"n.csv\""),
+        "\"n.csv\"",
+        &["needle.motion.csv", "n.csv"],
+    );
+    check(
+        &small("[[texture]]\nname = \"a\"\nfile = \"t.nrrd\""),
+        "\"t.nrrd\"",
+        &["texture[0].file", "t.nrrd"],
+    );
+    check(
+        &small("[deform]\nmesh = \"m.vtu\""),
+        "\"m.vtu\"",
+        &["deform.mesh", "m.vtu"],
+    );
+}
+
+#[test]
+fn the_report_shows_file_line_and_caret() {
+    let error = fault(&small("[effects.blur]\nwidth_mm = -2"));
+    assert!(matches!(error.problem(), Problem::Effect(_)));
+    let mut report = String::new();
+    GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor())
+        .render_report(&mut report, &error)
+        .expect("report");
+    assert!(report.contains("test.toml:6:12"), "{report}");
+    assert!(report.contains("width_mm = -2") && report.contains("──"), "{report}");
+}

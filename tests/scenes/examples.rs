@@ -1,0 +1,81 @@
+//! The scenes that come with the crate load, resolve and render.
+
+use std::path::Path;
+
+use insonify::scene::{EXAMPLES, SceneFile};
+
+use crate::support::{render, shrink, synthesizer};
+
+fn example(name: &str) -> SceneFile {
+    let (_, text) = EXAMPLES.iter().find(|(known, _)| *known == name).expect(name);
+    let mut file = SceneFile::parse(text, name).expect(name);
+    shrink(&mut file);
+    file
+}
+
+#[test]
+fn every_scene_makes_a_picture() {
+    for (name, _) in EXAMPLES {
+        let scene = example(name).resolve(Path::new(".")).expect(name);
+        assert!(scene.warnings.is_empty(), "{name}: {:?}", scene.warnings);
+        let mut synthesizer = synthesizer(&scene);
+        let frame = render(&scene, &mut synthesizer, 0, scene.frames());
+        assert_eq!((frame.width, frame.height), (120, 90));
+        let bright = frame.pixels.iter().filter(|&&grey| grey > 60).count();
+        let dark = frame.pixels.iter().filter(|&&grey| grey < 20).count();
+        let pixels = frame.pixels.len();
+        assert!(
+            bright > pixels / 10 && dark > pixels / 20,
+            "{name}: {bright} bright, {dark} dark of {pixels}"
+        );
+    }
+}
+
+#[test]
+fn what_a_scene_does_not_name_is_not_made() {
+    let plain = example("default").resolve(Path::new(".")).expect("default");
+    assert!(plain.anatomy.mesh.is_none() && !plain.settings.has_needle);
+    assert!(plain.needle_pose(0, 1).is_none());
+    let plan = synthesizer(&plain).plan().report();
+    let passes: Vec<_> = plan.passes.iter().map(|pass| pass.effect).collect();
+    for absent in ["warp", "needle", "thickness", "noise"] {
+        assert!(!passes.contains(&absent), "{absent} in {passes:?}");
+        assert!(plan.without.iter().any(|omitted| omitted.name == absent), "{absent}");
+    }
+    let needle = example("liver-needle").resolve(Path::new(".")).expect("needle");
+    assert!(needle.anatomy.mesh.is_some() && needle.settings.has_needle);
+    let plan = synthesizer(&needle);
+    assert!(plan.plan().has("warp") && plan.plan().has("needle"));
+}
+
+#[test]
+fn the_needle_scene_shows_its_needle() {
+    let with = example("liver-needle");
+    let mut without = with.clone();
+    without.needle = None;
+    let [with, without] = [with, without].map(|file| file.resolve(Path::new(".")).expect("scene"));
+    let [shown, hidden] = [&with, &without].map(|scene| render(scene, &mut synthesizer(scene), 0, 1));
+    let brighter = shown
+        .pixels
+        .iter()
+        .zip(&hidden.pixels)
+        .filter(|(a, b)| **a > b.saturating_add(60))
+        .count();
+    assert!(brighter > 30, "{brighter} pixels");
+}
+
+#[test]
+fn a_sweep_shows_different_places() {
+    let scene = example("sweep").resolve(Path::new(".")).expect("sweep");
+    assert_eq!(scene.frames(), 24);
+    let mut synthesizer = synthesizer(&scene);
+    let first = render(&scene, &mut synthesizer, 0, 24);
+    let last = render(&scene, &mut synthesizer, 23, 24);
+    let same = first.pixels.iter().zip(&last.pixels).filter(|(a, b)| a == b).count();
+    assert!(same < first.pixels.len() * 3 / 4, "{same} pixels alike");
+    let turned = scene
+        .probe_pose(0, 24)
+        .rotation()
+        .angle_to(&scene.probe_pose(23, 24).rotation());
+    assert!((turned.to_degrees() - 28.0).abs() < 0.1, "{}", turned.to_degrees());
+}

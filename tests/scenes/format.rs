@@ -1,0 +1,176 @@
+//! The format explains itself: default scene, schema and code agree.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use insonify::effects::Effects;
+use insonify::scene::{DEFAULT, SceneFile, schema};
+use serde_json::Value;
+
+use crate::support::parse;
+
+/// The default scene with every key that it shows in a comment put in force.
+fn uncommented() -> String {
+    let reveal = |line: &str| match line.strip_prefix('#') {
+        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
+        _ => line.to_owned(),
+    };
+    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_default_scene_writes_the_defaults() {
+    let file = parse(DEFAULT).expect("default");
+    assert_eq!(file.effects, Some(Effects::usual()));
+    assert_eq!(file.image, Some(insonify::scene::ImageSpec::default()));
+    let mut bare = parse("version = 1\n[volume]\nphantom = \"abdomen\"").expect("bare");
+    let mut full = file;
+    for file in [&mut bare, &mut full] {
+        file.volume.as_mut().expect("volume").resolution_mm = Some(5.0);
+    }
+    let [bare, full] = [bare, full].map(|file| file.resolve(Path::new(".")).expect("scene"));
+    assert_eq!(bare.settings, full.settings);
+    assert_eq!(bare.probe_pose(0, 1), full.probe_pose(0, 1));
+}
+
+#[test]
+fn every_key_shown_in_a_comment_is_one() {
+    let text = uncommented();
+    let file = parse(&text).unwrap_or_else(|error| panic!("{error}"));
+    let full = serde_json::to_value(&file).expect("json");
+    assert!(full["needle"]["bending"]["alpha_per_mm"].is_number());
+    assert_eq!(full["deform"]["field"].as_array().map(Vec::len), Some(6));
+}
+
+/// Every key that the schema knows, whichever table it is in.
+fn keys(schema: &Value, found: &mut BTreeSet<String>) {
+    match schema {
+        Value::Object(object) => {
+            if let Some(Value::Object(properties)) = object.get("properties") {
+                found.extend(properties.keys().cloned());
+            }
+            object.values().for_each(|value| keys(value, found));
+        }
+        Value::Array(list) => list.iter().for_each(|value| keys(value, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_default_scene_explains_every_key_of_the_schema() {
+    let text = uncommented();
+    let shown = |key: &str| {
+        let has = |line: &str| {
+            let header = line.trim_start_matches('[').split([']', ' ']).next().unwrap_or("");
+            line.starts_with('[') && header.split('.').any(|part| part == key)
+                || line.split('#').next().is_some_and(|code| {
+                    code.split(['{', ','])
+                        .any(|part| part.split('=').next().is_some_and(|name| name.trim() == key))
+                })
+        };
+        text.lines().any(has)
+    };
+    let mut known = BTreeSet::new();
+    keys(&schema(), &mut known);
+    assert!(known.len() > 100, "{}", known.len());
+    let unexplained: Vec<_> = known.iter().filter(|key| !shown(key)).collect();
+    assert!(unexplained.is_empty(), "{unexplained:?}");
+}
+
+/// Whether a value has only keys that a schema knows, and every key that it requires.
+fn fits(value: &Value, schema: &Value, root: &Value) -> Result<(), String> {
+    if let Some(reference) = schema.get("$ref").and_then(Value::as_str) {
+        return fits(value, root.pointer(&reference[1..]).expect("reference"), root);
+    }
+    for many in ["anyOf", "oneOf"] {
+        if let Some(options) = schema.get(many).and_then(Value::as_array) {
+            let failures: Vec<String> = options
+                .iter()
+                .filter_map(|option| fits(value, option, root).err())
+                .collect();
+            if failures.len() == options.len() {
+                return Err(failures.join(" / "));
+            }
+        }
+    }
+    if let Some(expected) = schema.get("const").filter(|expected| *expected != value) {
+        return Err(format!("{value} is not {expected}"));
+    }
+    let types: Vec<&str> = match schema.get("type") {
+        Some(Value::String(kind)) => vec![kind],
+        Some(Value::Array(kinds)) => kinds.iter().filter_map(Value::as_str).collect(),
+        _ => Vec::new(),
+    };
+    let is = |kind: &&str| match *kind {
+        "null" => value.is_null(),
+        "number" => value.is_number(),
+        "integer" => value.is_i64() || value.is_u64(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "array" => value.is_array(),
+        _ => value.is_object(),
+    };
+    if !types.is_empty() && !types.iter().any(is) {
+        return Err(format!("{value} is none of {types:?}"));
+    }
+    match value {
+        Value::Object(object) => {
+            let properties = schema.get("properties").and_then(Value::as_object);
+            for (key, value) in object {
+                match properties.and_then(|properties| properties.get(key)) {
+                    Some(inner) => fits(value, inner, root).map_err(|error| format!("{key}: {error}"))?,
+                    None if schema.get("additionalProperties") == Some(&Value::Bool(false)) => {
+                        return Err(format!("unknown key {key}"));
+                    }
+                    None => {}
+                }
+            }
+            let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
+            match required
+                .filter_map(Value::as_str)
+                .find(|key| !object.contains_key(*key))
+            {
+                Some(missing) => Err(format!("{missing} is missing")),
+                None => Ok(()),
+            }
+        }
+        Value::Array(list) => match schema.get("items") {
+            Some(items) => list.iter().try_for_each(|value| fits(value, items, root)),
+            None => Ok(()),
+        },
+        _ => Ok(()),
+    }
+}
+
+#[test]
+fn the_schema_accepts_what_the_parser_accepts() {
+    let schema = schema();
+    for text in [DEFAULT.to_owned(), uncommented()] {
+        let value: Value = toml::from_str(&text).expect("toml");
+        fits(&value, &schema, &schema).unwrap_or_else(|error| panic!("{error}"));
+    }
+    for wrong in [
+        "version = 1",
+        "version = 1\nsed = 3\n[volume]",
+        "[volume]\nphantom = \"abdomen\"",
+        "version = 1\n[volume]\nphantom = 3",
+    ] {
+        let value: Value = toml::from_str(wrong).expect("toml");
+        assert!(fits(&value, &schema, &schema).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn a_resolved_scene_written_down_resolves_to_itself() {
+    let text = crate::support::small("[pose]\ntarget = \"liver\"\nrock_deg = 3\n[effects.tone]\ngain_db = 4\n");
+    let scene = crate::support::resolve(&text).expect("scene");
+    let written = toml::to_string(&scene.file).expect("toml");
+    let again = crate::support::resolve(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
+    assert_eq!(scene.settings, again.settings);
+    let moved = scene.probe_pose(0, 1).probe_to_world() - again.probe_pose(0, 1).probe_to_world();
+    assert!(moved.amax() < 1e-9, "{moved}");
+    let json = serde_json::to_value(&scene.file).expect("json");
+    assert_eq!(json["effects"]["tone"]["gamma"], 1.0);
+    let back: SceneFile = serde_json::from_value(json).expect("json");
+    assert_eq!(back, scene.file);
+}

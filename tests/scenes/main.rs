@@ -1,0 +1,10 @@
+//! What users write, from text to a frame: the scenes that come with the crate, every kind of scene file, and every kind of
+//! mistake in one.
+
+mod broken;
+mod errors;
+mod examples;
+mod format;
+mod motion;
+mod support;
+mod volumes;

@@ -1,0 +1,62 @@
+//! Small scenes and what tests do with them.
+
+use std::path::{Path, PathBuf};
+
+use insonify::scene::{Scene, SceneError, SceneFile};
+use insonify::synth::{Backend, Frame, FrameState, Synthesizer};
+use nalgebra::Matrix4;
+
+/// A phantom scene that resolves in milliseconds, with more text behind it.
+pub fn small(more: &str) -> String {
+    format!("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 5\n{more}\n")
+}
+
+pub fn parse(text: &str) -> Result<SceneFile, SceneError> {
+    SceneFile::parse(text, "test.toml")
+}
+
+pub fn resolve(text: &str) -> Result<Scene, SceneError> {
+    parse(text).and_then(|file| file.resolve(Path::new(".")))
+}
+
+/// The error of a scene that must have one.
+pub fn fault(text: &str) -> SceneError {
+    match resolve(text) {
+        Ok(_) => panic!("no error for:\n{text}"),
+        Err(error) => error,
+    }
+}
+
+/// Coarse enough for a frame in well under a second.
+pub fn shrink(file: &mut SceneFile) {
+    if let Some(volume) = &mut file.volume
+        && volume.phantom.is_some()
+    {
+        volume.resolution_mm = Some(3.0);
+    }
+    if let Some(probe) = &mut file.probe {
+        (probe.lines, probe.samples) = (64, 128);
+    }
+    let image = file.image.get_or_insert_default();
+    (image.width, image.height) = (120, 90);
+}
+
+pub fn synthesizer(scene: &Scene) -> Synthesizer {
+    Synthesizer::new(scene.anatomy.clone(), scene.settings.clone(), Backend::Cpu).expect("synthesizer")
+}
+
+pub fn render(scene: &Scene, synthesizer: &mut Synthesizer, frame: usize, of: usize) -> Frame {
+    let mut state = FrameState::at(Matrix4::identity());
+    scene.state(frame, of, &mut state).expect("state");
+    synthesizer.render(&state).expect("frame").clone()
+}
+
+/// A file among the real data, if it is there.
+pub fn data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("SKIPPED: {} is not there", path.display());
+    None
+}

@@ -1,0 +1,158 @@
+//! Volumes, tissues, textures and the place of the probe.
+
+use std::path::Path;
+
+use insonify::scene::SceneFile;
+use insonify::volume::complete::Unlabelled;
+
+use crate::support::{data, fault, render, resolve, shrink, small, synthesizer};
+
+#[test]
+fn a_label_file_alone_is_a_scene() {
+    let Some(path) = data("volumes/ts_example_seg_full.nii.gz") else {
+        return;
+    };
+    let mut file = SceneFile::for_labels(&path);
+    shrink(&mut file);
+    let scene = file.resolve(Path::new("")).expect("scene");
+    let notes = scene.notes.join("\n");
+    assert!(
+        notes.contains("placed over liver") && notes.contains("filled"),
+        "{notes}"
+    );
+    let frame = render(&scene, &mut synthesizer(&scene), 0, 1);
+    assert!(frame.pixels.iter().filter(|&&grey| grey > 60).count() > frame.pixels.len() / 10);
+    // Placed elsewhere, the body is the same and the probe is not.
+    let mut elsewhere = file.clone();
+    elsewhere.pose.get_or_insert_default().target = Some("kidney".into());
+    let kidney = elsewhere.resolve(Path::new("")).expect("scene");
+    assert!(
+        kidney.notes.join("\n").contains("placed over kidney"),
+        "{:?}",
+        kidney.notes
+    );
+    assert_ne!(kidney.probe_pose(0, 1), scene.probe_pose(0, 1));
+}
+
+#[test]
+fn a_body_without_air_around_it_still_makes_a_picture() {
+    let Some(path) = data("volumes/ts_example_seg_full.nii.gz") else {
+        return;
+    };
+    let mut file = SceneFile::for_labels(&path);
+    shrink(&mut file);
+    file.volume.as_mut().expect("volume").unlabelled = Some(Unlabelled::Tissue);
+    let scene = file.resolve(Path::new("")).expect("scene");
+    assert!(
+        scene.warnings.join("\n").contains("front of the volume"),
+        "{:?}",
+        scene.warnings
+    );
+    let frame = render(&scene, &mut synthesizer(&scene), 0, 1);
+    assert!(frame.pixels.iter().any(|&grey| grey > 60));
+}
+
+#[test]
+fn a_target_is_found_by_name_part_and_value() {
+    let over = |target: &str| resolve(&small(&format!("[pose]\ntarget = \"{target}\""))).expect(target);
+    for (target, name) in [
+        ("liver", "liver"),
+        ("Kidney", "kidney_cortex"),
+        ("11", "liver"),
+        ("gallbladder", "gallbladder_wall"),
+    ] {
+        let scene = over(target);
+        assert!(
+            scene.notes.join("\n").contains(&format!("placed over {name}:")),
+            "{target}: {:?}",
+            scene.notes
+        );
+    }
+    let sagittal = resolve(&small("[pose]\nplane = \"sagittal\"")).expect("scene");
+    assert!(sagittal.probe_pose(0, 1).lateral().z < -0.7);
+    assert!(sagittal.notes.join("\n").contains("placed over liver"));
+}
+
+#[test]
+fn turns_apply_to_the_default_pose() {
+    let still = resolve(&small("")).expect("scene").probe_pose(0, 1);
+    let turned = resolve(&small("[pose]\nrotate_deg = 20"))
+        .expect("scene")
+        .probe_pose(0, 1);
+    assert!((still.position_mm() - turned.position_mm()).norm() < 1e-9);
+    assert!((still.axial().into_inner() - turned.axial().into_inner()).norm() < 1e-9);
+    assert!((still.lateral().angle(&turned.lateral()).to_degrees() - 20.0).abs() < 1e-6);
+}
+
+#[test]
+fn tissues_of_the_scene_override_the_built_in_ones() {
+    let scene = resolve(&small(
+        "[[tissue]]\nname = \"liver\"\nechogenicity_db = 7\n[[tissue]]\nname = \"odd\"\nlabels = [99]",
+    ))
+    .expect("scene");
+    let liver = scene
+        .anatomy
+        .tissues
+        .tissues
+        .iter()
+        .find(|tissue| tissue.name == "liver")
+        .expect("liver");
+    assert_eq!(liver.echogenicity_db, 7.0);
+    assert!(
+        scene.warnings.iter().any(|warning| warning.contains("99")),
+        "{:?}",
+        scene.warnings
+    );
+    let error = fault(&small("[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"a\""));
+    assert_eq!(error.key(), Some("tissue[1].name"));
+}
+
+#[test]
+fn textures_come_from_files() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut nrrd = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nspacings: 1 1 1\nencoding: raw\n\n".to_vec();
+    nrrd.extend((0..64u8).map(|value| value * 3 + 1));
+    std::fs::write(folder.path().join("t.nrrd"), nrrd).expect("file");
+    let text = |more: &str| {
+        small(&format!(
+            "[[texture]]\nname = \"mine\"\nfile = \"t.nrrd\"\n{more}\n[[tissue]]\nname = \"liver\"\ntexture = \"mine\"\n"
+        ))
+    };
+    let resolve = |text: &str| SceneFile::parse(text, "t.toml").and_then(|file| file.resolve(folder.path()));
+    let scene = resolve(&text("spacing_mm = [0.5, 0.5, 0.5]\nseam = \"mirror\"")).expect("scene");
+    let texture = &scene.anatomy.textures["mine"];
+    assert_eq!((texture.size(), texture.spacing_mm()), ([8; 3], [0.5; 3]));
+    for (more, key) in [
+        ("spacing_mm = [0, 1, 1]", "texture[0].spacing_mm"),
+        ("values = { log = { db_per_unit = 99 } }", "texture[0].values"),
+        ("seam = { cross_fade = { share = 0.9 } }", "texture[0].seam"),
+    ] {
+        let error = resolve(&text(more)).map(drop).expect_err(more);
+        assert_eq!(error.key(), Some(key), "{error}");
+        assert!(error.location().is_some());
+    }
+}
+
+#[test]
+fn a_probe_outside_the_volume_is_warned_of() {
+    let scene = resolve(&small("[pose]\nposition_mm = [5000, 0, 0]\ndirection = [1, 0, 0]")).expect("scene");
+    assert!(
+        scene.warnings.join("\n").contains("sees nothing of the volume"),
+        "{:?}",
+        scene.warnings
+    );
+    let inside = resolve(&small("")).expect("scene");
+    assert!(inside.warnings.is_empty(), "{:?}", inside.warnings);
+}
+
+#[test]
+fn effects_are_the_usual_ones_or_those_named() {
+    use insonify::effects::Effects;
+    assert_eq!(resolve(&small("")).expect("scene").settings.effects, Effects::usual());
+    assert_eq!(
+        resolve(&small("[effects]")).expect("scene").settings.effects,
+        Effects::default()
+    );
+    let named = resolve(&small("[effects.noise]")).expect("scene").settings.effects;
+    assert!(named.noise.is_some() && named.speckle.is_none() && named.tone.is_none());
+}
