@@ -33,11 +33,8 @@ pub mod phantom;
 pub mod plan;
 pub mod random;
 pub mod real;
-<<<<<<< HEAD
 pub mod scene;
-=======
 mod simd;
->>>>>>> 0311df3a6fbfe5259efcde06690c13ae341445cc
 pub mod synth;
 pub mod tissue;
 pub mod tracking;
