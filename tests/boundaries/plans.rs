@@ -85,7 +85,7 @@ pub fn everything() -> Scene {
             CellStarts,
             CellElements,
             TextureEntries,
-            Atlas,
+            TextureAtlas,
             Scatter,
             ScatterAxial,
             AxialKernel,
@@ -185,7 +185,7 @@ pub fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| s.effects.texture = Some(Default::default()),
             &["texture"],
-            &[TextureEntries, Atlas],
+            &[TextureEntries, TextureAtlas],
         ),
         scene(
             "a deforming mesh",
