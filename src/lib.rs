@@ -15,7 +15,7 @@
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes and point location |
-//! | [`study`] | benchmarks |
+//! | [`study`] | benchmarks, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
 //! # Axes and units
@@ -35,6 +35,7 @@ pub mod random;
 pub mod real;
 pub mod scene;
 mod simd;
+pub mod study;
 pub mod synth;
 pub mod tissue;
 pub mod tracking;

@@ -277,6 +277,15 @@ impl Synthesizer {
         }
     }
 
+    /// GPU time of the last frame from its first timestamp to its last, ms; none on a CPU backend, on a device without
+    /// timestamps, and while passes are not measured.
+    pub fn gpu_frame_ms(&self) -> Option<f64> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.frame_ms(),
+            _ => None,
+        }
+    }
+
     /// The beam-space results of the last frame, for ground-truth layers.
     pub fn beam(&self) -> Result<layers::Beam, SynthError> {
         self.beam_after(self.plan.passes.len())

@@ -115,8 +115,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(kernel) = &tables.blur else { return };
     let weights = kernel.weights.of::<T>();
     let input = &store.amplitude[..lines * samples];
-    store
-        .amplitude_next
+    store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, output)| {

@@ -38,7 +38,7 @@ pub struct Tone {
 impl Default for Tone {
     fn default() -> Self {
         Self {
-            gain_db: 0.0,
+            gain_db: 4.0,
             tgc_db_cm: None,
             tgc_points: Vec::new(),
             dynamic_range_db: 60.0,

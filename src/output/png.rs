@@ -1,4 +1,4 @@
-//! 8-bit PNG files and numbered folders of them.
+//! PNG files, 8 bits deep for pictures and 16 for ground-truth layers, and numbered folders of them.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -47,8 +47,19 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Res
     write(path, width, height, pixels, ExtendedColorType::Rgb8)
 }
 
+/// Writes a layer of 16-bit numbers, row by row. The file appears whole or not at all.
+pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), PngError> {
+    write(
+        path,
+        width,
+        height,
+        bytemuck::cast_slice(pixels),
+        ExtendedColorType::L16,
+    )
+}
+
 fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: ExtendedColorType) -> Result<(), PngError> {
-    let channels = usize::from(colour.channel_count());
+    let channels = usize::from(colour.bits_per_pixel() / 8);
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     let size = (u32::try_from(width), u32::try_from(height));
     let ((Ok(columns @ 1..), Ok(rows @ 1..)), true) = (size, expected == Some(pixels.len())) else {
@@ -101,6 +112,18 @@ mod tests {
         write_rgb(&path, 5, 2, rgb).expect("written");
         let image = image::open(&path).expect("png").into_rgb8();
         assert_eq!((image.dimensions(), image.into_raw()), ((5, 2), rgb.to_vec()));
+    }
+
+    #[test]
+    fn sixteen_bits_read_back_as_written() {
+        let folder = tempfile::tempdir().expect("folder");
+        let values: Vec<u16> = (0..12).map(|i| i * 5461 + 3).collect();
+        let path = folder.path().join("depth.png");
+        write_grey16(&path, 4, 3, &values).expect("written");
+        let image = image::open(&path).expect("png");
+        let image = image.as_luma16().expect("16 bits");
+        assert_eq!((image.dimensions(), image.as_raw()), ((4, 3), &values));
+        assert!(write_grey16(&path, 4, 4, &values).is_err());
     }
 
     #[test]

@@ -68,11 +68,13 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, Phantom
     painting.volume(&world, resolution_mm, l::TABLE)
 }
 
+/// Right subcostal oblique view, as one looks for the gallbladder: liver in front of it, great vessels and the spine to the
+/// patient's left, the right kidney below; the marked side points to the patient's left and head.
 pub(super) fn pose() -> Matrix4<f64> {
-    let axial = Point::new(0.25, 0.955, 0.13).normalize();
-    let mut skin = Point::new(-88.0, -120.0, -61.0);
+    let axial = Point::new(0.148, 0.962, 0.229).normalize();
+    let mut skin = Point::new(-75.0, -122.0, -57.0);
     while wall::skin_depth(&skin) < 0.0 {
         skin += axial * 0.05;
     }
-    pose_at(skin + axial * PRESSED_MM, axial, -Point::z())
+    pose_at(skin + axial * PRESSED_MM, axial, Point::new(0.661, -0.268, 0.701))
 }

@@ -124,7 +124,7 @@ pub struct PoseTable {
     /// `kidney` (the largest label that has it counts), or a label value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<String>,
-    /// Orientation of the scan plane of a probe that is placed. Default `transverse`.
+    /// Orientation of the scan plane of a probe that is placed. Default: the one that shows more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<ScanPlane>,
     /// Centre of the array in the world (LPS), mm.

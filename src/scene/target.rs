@@ -86,14 +86,14 @@ impl SceneFile {
             })?,
         };
         let options = PlacementOptions {
-            plane: table.plane.unwrap_or_default(),
+            plane: table.plane,
             shape: probe.shape,
             depth_mm: probe.depth_mm,
         };
         let (tissues, name) = (body.tissues, body.name(label));
         let meaning = Meaning {
             is_body: &|label| !is_outside(tissues, label),
-            is_bone_or_gas: &|label| tissues.of(label).is_occluder(),
+            is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
         };
         match place(body.volume, &[label], &meaning, &options) {
             Ok(placement) => {

@@ -62,6 +62,7 @@ pub struct GpuExecutor {
     segments_f32: Vec<[[f32; 4]; 2]>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
+    frame_ms: Option<f64>,
 }
 
 impl GpuExecutor {
@@ -82,6 +83,7 @@ impl GpuExecutor {
             segments_f32: Vec::with_capacity(needle::MAX_SEGMENTS),
             timer: None,
             times: Vec::new(),
+            frame_ms: None,
         };
         executor.fit(plan, tables, &[])?;
         Ok(executor)
@@ -380,14 +382,17 @@ impl GpuExecutor {
         let names: Vec<&str> = self.steps.iter().map(|step| step.pass.name).collect();
         self.timer = if on { Timer::new(&self.gpu, &names)? } else { None };
         self.times.clear();
+        self.frame_ms = None;
         self.times.reserve_exact(plan.passes.len());
         Ok(())
     }
 
     fn read_times(&mut self, plan: &Plan) -> Result<(), SynthError> {
         self.times.clear();
+        self.frame_ms = None;
         let Some(timer) = &mut self.timer else { return Ok(()) };
         let timings = timer.read(&self.gpu)?;
+        self.frame_ms = Some(timings.frame_ms);
         for planned in &plan.passes {
             let name = planned.pass.name;
             let ms = timings
@@ -445,6 +450,11 @@ impl GpuExecutor {
     /// What the passes of the last frame took.
     pub fn times(&self) -> &[PassTime] {
         &self.times
+    }
+
+    /// GPU time of the last frame, from its first timestamp to its last, ms.
+    pub fn frame_ms(&self) -> Option<f64> {
+        self.frame_ms
     }
 
     /// Names of the compiled passes.

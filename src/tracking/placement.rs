@@ -49,8 +49,8 @@ pub enum ScanPlane {
 /// How a probe is placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacementOptions {
-    /// Orientation of the scan plane.
-    pub plane: ScanPlane,
+    /// Orientation of the scan plane; none tries both.
+    pub plane: Option<ScanPlane>,
     /// The probe's field of view. Its array's centre, the point of a convex array that touches first, lies on the skin.
     pub shape: ProbeShape,
     /// Imaging depth, mm.
@@ -60,7 +60,7 @@ pub struct PlacementOptions {
 impl Default for PlacementOptions {
     fn default() -> Self {
         Self {
-            plane: ScanPlane::Transverse,
+            plane: None,
             shape: ProbeShape::Curvilinear {
                 radius_mm: 60.0,
                 angle_deg: 70.0,
@@ -179,7 +179,13 @@ impl Search<'_> {
     fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
         outwards(aims, widest)
             .par_iter()
-            .filter_map(|(aim, outward)| self.candidate(aim, outward))
+            .flat_map_iter(|(aim, outward)| {
+                let planes = match self.options.plane {
+                    Some(plane) => vec![plane],
+                    None => vec![ScanPlane::Transverse, ScanPlane::Sagittal],
+                };
+                planes.into_iter().filter_map(|plane| self.candidate(aim, outward, plane))
+            })
             .collect::<Vec<_>>()
             .into_iter()
             .reduce(|best, next| if next.score > best.score { next } else { best })
@@ -192,7 +198,7 @@ impl Search<'_> {
             .any(|(aim, outward)| self.skin(aim, outward).is_some())
     }
 
-    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>) -> Option<Placement> {
+    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>, plane: ScanPlane) -> Option<Placement> {
         let skin = self.skin(aim, outward)?;
         let axial = -outward;
         let inward = self.inward_normal(&skin)?;
@@ -200,7 +206,7 @@ impl Search<'_> {
         if upright < 0.6 {
             return None;
         }
-        let pose = pose(skin + axial * PRESS_MM, axial, self.options.plane);
+        let pose = pose(skin + axial * PRESS_MM, axial, plane);
         let fan = self.look(&pose);
         if fan.seen <= 0.0 {
             return None;
@@ -214,7 +220,8 @@ impl Search<'_> {
             - 6.0 * (1.0 - upright)
             - 0.7 * from_behind
             - 0.4 * fan.outside
-            - 0.5 * fan.blocked;
+            - 0.5 * fan.blocked
+            - GAP_PER_MM * fan.gap_mm;
         let side = match (axial.x, axial.y) {
             (x, y) if y.abs() >= x.abs() => {
                 if y > 0.0 {
@@ -298,7 +305,7 @@ impl Search<'_> {
             let (start, way, apex_mm) = ray_of(self.options.shape, across);
             let start = pose.transform_point(&start);
             let way = pose.transform_vector(&way);
-            let (mut blocked, mut reached) = (false, None);
+            let (mut blocked, mut reached, mut touched) = (false, None, false);
             let mut depth = 0.5 * STEP_MM;
             while depth < self.options.depth_mm {
                 let Some(label) = self.volume.label_index_at(&(start + way * depth)) else {
@@ -306,6 +313,10 @@ impl Search<'_> {
                     depth += STEP_MM;
                     continue;
                 };
+                touched |= (self.meaning.is_body)(label);
+                if !touched {
+                    fan.gap_mm += STEP_MM / RAYS as f64;
+                }
                 if self.in_target[usize::from(label)] {
                     let area = STEP_MM * spacing_of(self.options.shape, apex_mm + depth);
                     if blocked {
@@ -347,6 +358,10 @@ fn outwards(aims: &[Point3<f64>], widest: i32) -> Vec<(Point3<f64>, Vector3<f64>
         .collect()
 }
 
+/// What a millimetre of air between array and skin takes from the score: a convex array on flat skin has about 4 mm, and one
+/// with an end in the air twice that and more.
+const GAP_PER_MM: f64 = 0.06;
+
 /// What a fan of rays meets.
 #[derive(Default)]
 struct Fan {
@@ -358,6 +373,8 @@ struct Fan {
     /// Share of the fan outside the volume, and behind bone or gas.
     outside: f64,
     blocked: f64,
+    /// Air between array and skin, mm, averaged over the rays.
+    gap_mm: f64,
     /// Depth of the target near the middle ray, mm.
     depth_mm: f64,
 }

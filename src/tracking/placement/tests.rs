@@ -40,7 +40,7 @@ fn placed(volume: &LabelVolume, plane: ScanPlane) -> Result<Placement, Placement
         is_bone_or_gas: &|label| label == 3,
     };
     let options = PlacementOptions {
-        plane,
+        plane: Some(plane),
         ..PlacementOptions::default()
     };
     place(volume, &[2], &meaning, &options)
@@ -154,7 +154,7 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
         (21, ScanPlane::Transverse, 0.4),
     ] {
         let options = PlacementOptions {
-            plane,
+            plane: Some(plane),
             ..PlacementOptions::default()
         };
         let found = place(&volume, &[organ], &meaning, &options).unwrap();

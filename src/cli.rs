@@ -1,0 +1,95 @@
+//! The command line: what may be asked, and which file answers.
+
+mod backend;
+mod bench;
+mod completions;
+mod doctor;
+mod failure;
+mod info;
+mod input;
+mod inspect;
+mod phantom;
+mod plan;
+mod render;
+mod scene;
+mod schema;
+mod terminal;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use failure::Failure;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify render                                  the default scene, to frame.png
+  insonify render --labels liver.nii.gz            a label file alone: the body is completed, the probe placed
+  insonify render --labels ct.nii.gz --target kidney -o kidney.png
+  insonify scene > my.toml                         the default scene, commented, ready to edit
+  insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
+  insonify plan my.toml                            what a frame is made of, and why
+  insonify inspect my.toml --at 320,240            what made one pixel
+  insonify doctor                                  what this machine can render on
+
+Exit status: 0 done; 2 wrong arguments, files or scenes; 1 what the machine could not do.
+Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not.";
+
+/// Synthesises B-mode ultrasound frames from labelled volumes, on the GPU or the CPU.
+#[derive(Parser)]
+#[command(name = "insonify", version, after_help = EXAMPLES, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(render::Render),
+    Plan(plan::Plan),
+    Inspect(inspect::Inspect),
+    Bench(bench::Bench),
+    Info(info::Info),
+    Phantom(phantom::Phantom),
+    Scene(scene::Scene),
+    Schema(schema::Schema),
+    Doctor(doctor::Doctor),
+    Completions(completions::Completions),
+}
+
+impl Cli {
+    /// Does what was asked.
+    pub fn run(self) -> Result<(), Failure> {
+        match self.command {
+            Command::Render(render) => render.run(),
+            Command::Plan(plan) => plan.run(),
+            Command::Inspect(inspect) => inspect.run(),
+            Command::Bench(bench) => bench.run(),
+            Command::Info(info) => info.run(),
+            Command::Phantom(phantom) => phantom.run(),
+            Command::Scene(scene) => scene.run(),
+            Command::Schema(schema) => schema.run(),
+            Command::Doctor(doctor) => doctor.run(),
+            Command::Completions(completions) => completions.run(),
+        }
+    }
+}
+
+/// The exit status of a run, its failure told.
+pub fn exit(result: Result<(), Failure>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            let status = failure.status();
+            terminal::report(failure);
+            ExitCode::from(status)
+        }
+    }
+}
+
+/// The exit status of arguments that were not understood, or that asked for help; either is printed.
+pub fn refuse(error: &clap::Error) -> ExitCode {
+    // A closed terminal is no reason to fail.
+    let _ = error.print();
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+}

@@ -1,0 +1,23 @@
+//! `insonify completions`: scripts that let a shell complete the command line.
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+
+use super::failure::Failure;
+use super::{Cli, terminal};
+
+/// Prints the completion script of a shell: insonify completions bash > ~/.local/share/bash-completion/completions/insonify
+#[derive(Args)]
+pub struct Completions {
+    /// Which shell
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+impl Completions {
+    pub fn run(&self) -> Result<(), Failure> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "insonify", &mut script);
+        terminal::emit(&String::from_utf8_lossy(&script))
+    }
+}

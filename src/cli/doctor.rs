@@ -1,0 +1,149 @@
+//! `insonify doctor`: what this machine can render on.
+
+use std::fmt;
+
+use clap::Args;
+use insonify::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
+use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
+use insonify::study::machine::Machine;
+use serde::Serialize;
+
+use super::backend::why;
+use super::failure::Failure;
+use super::terminal;
+
+/// Lists GPU adapters and their limits, the processor, and what would be used and why
+#[derive(Args)]
+pub struct Doctor {
+    /// Part of the name of the GPU adapter that would be asked for
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `hints`, `warnings`
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    version: &'static str,
+    machine: Machine,
+    adapters: Vec<AdapterReport>,
+    backend: &'static str,
+    adapter: Option<String>,
+    reason: String,
+    hints: Vec<String>,
+    warnings: Vec<String>,
+}
+
+impl Doctor {
+    pub fn run(&self) -> Result<(), Failure> {
+        let adapters = adapter::list();
+        let choice = AdapterChoice::from_flag(self.adapter.as_deref());
+        let mut report = Report {
+            version: env!("CARGO_PKG_VERSION"),
+            machine: Machine::here(),
+            adapters,
+            backend: "cpu",
+            adapter: None,
+            reason: "no GPU adapter was found".to_owned(),
+            hints: Vec::new(),
+            warnings: Vec::new(),
+        };
+        match Gpu::open(&choice, &Needs::default()) {
+            Ok(gpu) => {
+                report.backend = "gpu";
+                report.adapter = Some(gpu.report().name.clone());
+                report.reason = match &choice.name {
+                    Some(name) => format!("\"{name}\" was asked for"),
+                    None => why(gpu.report()),
+                };
+            }
+            Err(error @ GpuError::NoAdapter) => report.hints.push(error.to_string()),
+            Err(error) if error.is_machine() => {
+                report.reason = "no adapter opens a device".to_owned();
+                report.warnings.push(error.to_string());
+            }
+            Err(error) => return Err(error.into()),
+        }
+        if report.adapters.len() > 1 {
+            report
+                .hints
+                .push(format!("--adapter NAME or {ADAPTER_VARIABLE} picks another adapter"));
+        }
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            terminal::emit(&report.to_string())
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "insonify {}", self.version)?;
+        writeln!(f, "machine   {}", self.machine)?;
+        match &self.adapter {
+            Some(adapter) => writeln!(f, "used      {} on {adapter}: {}", self.backend, self.reason)?,
+            None => writeln!(f, "used      {}: {}", self.backend, self.reason)?,
+        }
+        for (number, adapter) in self.adapters.iter().enumerate() {
+            writeln!(f)?;
+            write_adapter(f, number, adapter)?;
+        }
+        for hint in &self.hints {
+            writeln!(f, "\nhint: {hint}")?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "\nwarning: {warning}")?;
+        }
+        Ok(())
+    }
+}
+
+fn write_adapter(f: &mut fmt::Formatter<'_>, number: usize, adapter: &AdapterReport) -> fmt::Result {
+    let mib = |bytes: u64| bytes >> 20;
+    let limits = &adapter.limits;
+    writeln!(f, "adapter {number} {} ({})", adapter.name, adapter.backend)?;
+    writeln!(f, "  kind    {}", adapter.device_type)?;
+    writeln!(f, "  driver  {} {}", adapter.driver, adapter.driver_info)?;
+    writeln!(
+        f,
+        "  times   {}",
+        if adapter.timestamps {
+            "of passes, by timestamps"
+        } else {
+            "by wall clock only"
+        }
+    )?;
+    writeln!(
+        f,
+        "  limits  {} MiB a storage binding",
+        mib(limits.max_storage_buffer_binding_size)
+    )?;
+    writeln!(f, "          {} MiB a buffer", mib(limits.max_buffer_size))?;
+    writeln!(
+        f,
+        "          {} storage buffers a pass",
+        limits.max_storage_buffers_per_shader_stage
+    )?;
+    writeln!(
+        f,
+        "          {} invocations a workgroup",
+        limits.max_compute_invocations_per_workgroup
+    )?;
+    writeln!(
+        f,
+        "          {} bytes of shared memory",
+        limits.max_compute_workgroup_storage_size
+    )?;
+    writeln!(
+        f,
+        "          {} workgroups a dimension",
+        limits.max_compute_workgroups_per_dimension
+    )?;
+    writeln!(
+        f,
+        "          {} pixels a side of a texture",
+        limits.max_texture_dimension_2d
+    )
+}

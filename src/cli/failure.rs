@@ -1,0 +1,107 @@
+//! What a subcommand can fail of, and the exit status it ends with.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+use insonify::error::{INPUT, MACHINE};
+use insonify::gpu::GpuError;
+use insonify::output::atomic::WriteError;
+use insonify::output::png::PngError;
+use insonify::output::sequence::SequenceError;
+use insonify::phantom::PhantomError;
+use insonify::scene::SceneError;
+use insonify::synth::SynthError;
+use insonify::volume::VolumeError;
+use miette::{Diagnostic, LabeledSpan, SourceCode};
+
+/// Why a subcommand ends without having done what was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The library says so.
+    #[error(transparent)]
+    Library(Box<insonify::error::Error>),
+    /// Arguments that make no sense together, or for this scene.
+    #[error("{found}")]
+    Usage {
+        /// What was asked.
+        found: String,
+        /// What to ask.
+        help: String,
+    },
+    /// A folder for frames cannot be made.
+    #[error("{}: no folder can be made there: {cause}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
+    /// Standard output is full or closed other than by a reader that had enough.
+    #[error("standard output cannot be written: {0}")]
+    Output(io::Error),
+}
+
+impl Failure {
+    /// Arguments that make no sense: what was asked, and what to ask instead.
+    pub fn usage(found: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::Usage {
+            found: found.into(),
+            help: help.into(),
+        }
+    }
+
+    /// The exit status: 2 where the user can put it right by asking otherwise, 1 where the machine failed.
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::Library(error) => error.exit_status(),
+            Self::Usage { .. } => INPUT,
+            Self::Folder { .. } | Self::Output(_) => MACHINE,
+        }
+    }
+}
+
+impl Diagnostic for Failure {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        match self {
+            Self::Library(error) => error.help(),
+            Self::Usage { help, .. } => Some(Box::new(help)),
+            Self::Folder { .. } | Self::Output(_) => None,
+        }
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        match self {
+            Self::Library(error) => error.source_code(),
+            _ => None,
+        }
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        match self {
+            Self::Library(error) => error.labels(),
+            _ => None,
+        }
+    }
+}
+
+macro_rules! from_library {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::Library(Box::new(error.into()))
+            }
+        })*
+    };
+}
+
+from_library!(
+    GpuError,
+    PhantomError,
+    PngError,
+    SceneError,
+    SequenceError,
+    SynthError,
+    VolumeError,
+    WriteError
+);

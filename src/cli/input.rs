@@ -1,0 +1,116 @@
+//! The scene that a subcommand works on: a file, a label file alone, or the default scene.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use insonify::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
+
+use super::failure::Failure;
+use super::terminal::{say, warn};
+
+/// Largest width and height of a frame, pixels.
+const LARGEST_SIDE: u32 = 16_384;
+
+#[derive(Args)]
+pub struct Input {
+    /// Scene file (TOML); none takes the built-in default scene, or with --labels the label file alone
+    #[arg(value_name = "SCENE.toml")]
+    scene: Option<PathBuf>,
+    /// Label file to image: NIfTI, NRRD or MetaImage; with a scene it takes the place of the scene's volume
+    #[arg(long, value_name = "FILE")]
+    labels: Option<PathBuf>,
+    /// Place the probe on the skin over this organ: a label or tissue name, or a part of one
+    #[arg(long, value_name = "NAME")]
+    target: Option<String>,
+    /// Size of the frame in pixels
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<[u32; 2]>,
+}
+
+impl Input {
+    fn load(&self) -> Result<Scene, Failure> {
+        let mut file = match (&self.scene, &self.labels) {
+            (Some(scene), _) => SceneFile::read(scene)?,
+            (None, Some(labels)) => SceneFile::for_labels(labels),
+            (None, None) => SceneFile::parse(scene::DEFAULT, "the default scene")?,
+        };
+        self.amend(&mut file);
+        let base = self.scene.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+        Ok(file.resolve(base)?)
+    }
+
+    /// Reads the scene and all that it names, and tells what was assumed (unless `quiet`) and what is odd.
+    pub fn scene(&self, quiet: bool) -> Result<Scene, Failure> {
+        let scene = self.load()?;
+        if !quiet {
+            for note in &scene.notes {
+                say(format_args!("note: {note}"));
+            }
+        }
+        scene.warnings.iter().for_each(warn);
+        Ok(scene)
+    }
+
+    fn amend(&self, file: &mut SceneFile) {
+        if let Some(labels) = &self.labels {
+            // Relative to where the command runs, not to the scene's folder.
+            let path = std::path::absolute(labels).unwrap_or_else(|_| labels.clone());
+            let volume = file.volume.take().unwrap_or_default();
+            file.volume = Some(VolumeSpec {
+                file: Some(path),
+                phantom: None,
+                resolution_mm: None,
+                seed: None,
+                ..volume
+            });
+        }
+        if let Some(target) = &self.target {
+            let plane = file.pose.take().and_then(|pose| pose.plane);
+            file.pose = Some(PoseTable {
+                target: Some(target.clone()),
+                plane,
+                ..PoseTable::default()
+            });
+            file.motion = None;
+        }
+        if let Some([width, height]) = self.size {
+            let mut image = file.image.unwrap_or_default();
+            (image.width, image.height) = (width, height);
+            file.image = Some(image);
+        }
+    }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let expected = || format!("expected two whole numbers from 1 to {LARGEST_SIDE} such as 640x480");
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(expected)?;
+    let side = |text: &str| match text.parse() {
+        Ok(side @ 1..=LARGEST_SIDE) => Ok(side),
+        _ => Err(expected()),
+    };
+    Ok([side(width)?, side(height)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_two_numbers_in_range() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!(size("1X16384"), Ok([1, 16_384]));
+        for wrong in [
+            "",
+            "640",
+            "0x5",
+            "5x0",
+            "16385x1",
+            "-1x5",
+            "640x480x2",
+            "6e2x5",
+            "99999999999x1",
+        ] {
+            assert!(size(wrong).is_err(), "{wrong}");
+        }
+    }
+}

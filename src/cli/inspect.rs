@@ -1,0 +1,97 @@
+//! `insonify inspect`: what made one pixel.
+
+use clap::Args;
+use insonify::study::inspect::{PixelReport, inspect};
+use insonify::synth::FrameState;
+use nalgebra::Matrix4;
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::input::Input;
+use super::terminal;
+
+/// Explains one pixel: its beam and depth, tissue, texture, speckle, transmittance, blur and grey level
+#[derive(Args)]
+pub struct Inspect {
+    #[command(flatten)]
+    input: Input,
+    /// Column and row of the pixel, from 0 at the near corner of the unmarked side
+    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    at: [usize; 2],
+    /// Which frame, from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: usize,
+    /// How many frames the scene's motion is cut into; the scene's own number by default
+    #[arg(long, value_name = "N", value_parser = super::render::frame_count)]
+    frames: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    frame: usize,
+    #[serde(flatten)]
+    pixel: PixelReport,
+    warnings: Vec<String>,
+}
+
+impl Inspect {
+    pub fn run(&self) -> Result<(), Failure> {
+        let scene = self.input.scene(self.json)?;
+        let frames = self.frames.unwrap_or_else(|| scene.frames());
+        if self.frame >= frames {
+            return Err(Failure::usage(
+                format!("--frame {} of a scene of {frames} frames", self.frame),
+                format!("frames are numbered from 0 to {}", frames - 1),
+            ));
+        }
+        let mut state = FrameState::at(Matrix4::identity());
+        scene.state(self.frame, frames, &mut state)?;
+        let [column, row] = self.at;
+        let Some(pixel) = inspect(&scene.anatomy, &scene.settings, &state, self.at)? else {
+            let image = scene.settings.image;
+            return Err(Failure::usage(
+                format!(
+                    "--at {column},{row} is beyond a frame of {}x{} pixels",
+                    image.width, image.height
+                ),
+                format!(
+                    "columns run from 0 to {}, rows from 0 to {}",
+                    image.width - 1,
+                    image.height - 1
+                ),
+            ));
+        };
+        if self.json {
+            return terminal::emit_json(&Report {
+                frame: self.frame,
+                pixel,
+                warnings: scene.warnings,
+            });
+        }
+        terminal::emit(&pixel.to_string())
+    }
+}
+
+fn pixel(text: &str) -> Result<[usize; 2], String> {
+    let expected = || "expected a column and a row such as 320,240".to_owned();
+    let (column, row) = text.split_once(',').ok_or_else(expected)?;
+    let number = |text: &str| text.trim().parse().map_err(|_| expected());
+    Ok([number(column)?, number(row)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_are_two_numbers() {
+        assert_eq!(pixel("3,4"), Ok([3, 4]));
+        assert_eq!(pixel("3, 4"), Ok([3, 4]));
+        for wrong in ["", "3", "3,", "-1,2", "1,2,3", "a,b", "1.5,2"] {
+            assert!(pixel(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! `insonify render`: frames of a scene, and what goes with them.
+
+mod coverage;
+mod extras;
+mod target;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use insonify::scene::Scene;
+use insonify::synth::layers::Layer;
+use insonify::synth::{FrameState, PassTime, Synthesizer};
+use nalgebra::Matrix4;
+use serde::Serialize;
+
+use super::backend::{BackendArgs, Chosen};
+use super::failure::Failure;
+use super::input::Input;
+use super::terminal;
+use extras::Extras;
+use target::{Output, Target};
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify render                                      the default scene, to frame.png
+  insonify render --labels ct.nii.gz --target kidney   a label file alone, the probe over a kidney
+  insonify render sweep.toml -o frames                 one numbered picture for each pose of the scene
+  insonify render sweep.toml --frames 90 -o sweep.mha  an image sequence with the pose of each frame
+  insonify render my.toml --layers labels,depth --sidecar --overview
+                                                       ground truth beside the frame, for training
+
+Layers are 16-bit pictures beside the frame: labels (label index), displacement (0.01 mm), depth (tissue passed along
+the beam, 0.1 mm), needle (share of the scan plane's thickness, 1/255), shadowed (two-way loss, 0.01 dB).";
+
+/// Renders frames: one to a PNG file, many to a folder or an image sequence
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Render {
+    #[command(flatten)]
+    input: Input,
+    #[command(flatten)]
+    backend: BackendArgs,
+    /// A PNG file for one frame, a folder for many, or an image sequence (.mha, .nrrd) [default: frame.png or frames]
+    #[arg(short, long, value_name = "PATH")]
+    output: Option<PathBuf>,
+    /// How many frames to cut the scene's motion into [default: as many as the scene says]
+    #[arg(long, value_name = "N", value_parser = frame_count)]
+    frames: Option<usize>,
+    /// Ground truth to write beside each frame
+    #[arg(long, value_name = "LAYER,...", value_enum, value_delimiter = ',')]
+    layers: Vec<Layer>,
+    /// Write a JSON file beside each frame: seed, pose, parameters, needle tip, warnings
+    #[arg(long)]
+    sidecar: bool,
+    /// Write a small picture of the probe against the anatomy beside each frame
+    #[arg(long)]
+    overview: bool,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    backend: &'static str,
+    adapter: Option<String>,
+    reason: String,
+    width: usize,
+    height: usize,
+    frames: Vec<FrameReport>,
+    passes: Vec<PassReport>,
+    warnings: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct FrameReport {
+    path: PathBuf,
+    ms: f64,
+}
+
+/// Mean time of a pass over the frames; none where the device takes no timestamps.
+#[derive(Serialize)]
+struct PassReport {
+    name: &'static str,
+    ms: Option<f64>,
+}
+
+impl Render {
+    pub fn run(&self) -> Result<(), Failure> {
+        self.backend.check()?;
+        let scene = self.input.scene(self.quiet)?;
+        let count = self.frames.unwrap_or_else(|| scene.frames());
+        let target = Target::choose(self.output.as_deref(), count)?;
+        let size = scene.settings.image;
+        let output = Output::open(&target, size.width, size.height)?;
+        let mut chosen = self
+            .backend
+            .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
+        if !self.quiet {
+            let on = chosen
+                .adapter()
+                .map_or_else(String::new, |adapter| format!(" on {adapter}"));
+            terminal::say(format_args!(
+                "backend: {}{on} ({})",
+                chosen.synth.backend(),
+                chosen.reason
+            ));
+        }
+        chosen.warnings.iter().for_each(terminal::warn);
+        let report = self.frames(&scene, &mut chosen, output, count)?;
+        if self.json {
+            terminal::emit_json(&report)?;
+        }
+        Ok(())
+    }
+
+    fn frames(
+        &self,
+        scene: &Scene,
+        chosen: &mut Chosen,
+        mut output: Output<'_>,
+        count: usize,
+    ) -> Result<Report, Failure> {
+        let target = output.target;
+        let synth = &mut chosen.synth;
+        synth.time_passes(self.json)?;
+        let extras = Extras {
+            layers: &self.layers,
+            sidecar: self.sidecar,
+            overview: self.overview,
+            scene,
+            target,
+        };
+        let mut state = FrameState::at(Matrix4::identity());
+        let mut passes = Passes::default();
+        let mut oddities = Oddities::default();
+        let mut frames = Vec::with_capacity(count);
+        let bar = terminal::progress(count, self.quiet);
+        for frame in 0..count {
+            scene.state(frame, count, &mut state)?;
+            let start = Instant::now();
+            synth.render(&state)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            passes.add(synth);
+            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world)
+                .into_iter()
+                .collect();
+            let path = output.write(synth.frame(), frame, scene.time_s(frame, count), &state.probe_to_world)?;
+            extras.write(synth, frame, count, &state, &odd)?;
+            oddities.add(frame, odd);
+            frames.push(FrameReport { path, ms });
+            bar.inc(1);
+        }
+        output.finish()?;
+        bar.finish_and_clear();
+
+        let found = oddities.summary(count);
+        found.iter().for_each(terminal::warn);
+        let mut warnings = scene.warnings.clone();
+        warnings.append(&mut chosen.warnings);
+        warnings.extend(found);
+        let passes = passes.report(&chosen.synth, self.json, &mut warnings);
+        let report = Report {
+            backend: chosen.synth.backend(),
+            adapter: chosen.adapter().map(str::to_owned),
+            reason: chosen.reason.clone(),
+            width: chosen.synth.frame().width,
+            height: chosen.synth.frame().height,
+            frames,
+            passes,
+            warnings,
+        };
+        if !self.quiet {
+            terminal::say(report.summary(target.path()));
+        }
+        Ok(report)
+    }
+}
+
+impl Report {
+    fn summary(&self, path: &Path) -> String {
+        let Self { width, height, .. } = self;
+        let total: f64 = self.frames.iter().map(|frame| frame.ms).sum();
+        let mean = total / self.frames.len().max(1) as f64;
+        match self.frames.len() {
+            1 => format!(
+                "wrote {}: {width}x{height} pixels, rendered in {mean:.1} ms",
+                path.display()
+            ),
+            n => format!(
+                "wrote {}: {n} frames of {width}x{height} pixels, rendered in {mean:.1} ms each",
+                path.display()
+            ),
+        }
+    }
+}
+
+/// Times of passes, summed over frames.
+#[derive(Default)]
+struct Passes {
+    sums: Vec<PassTime>,
+    frames: usize,
+}
+
+impl Passes {
+    fn add(&mut self, synth: &Synthesizer) {
+        let times = synth.pass_times();
+        if self.sums.is_empty() {
+            self.sums = times.to_vec();
+        } else {
+            for (sum, time) in self.sums.iter_mut().zip(times) {
+                sum.ms += time.ms;
+            }
+        }
+        self.frames += 1;
+    }
+
+    fn report(&self, synth: &Synthesizer, wanted: bool, warnings: &mut Vec<String>) -> Vec<PassReport> {
+        if wanted && self.sums.is_empty() {
+            warnings.push("this adapter takes no timestamps: the times of single passes are not known".to_owned());
+            let names = synth.plan().passes.iter().map(|planned| planned.pass.name);
+            return names.map(|name| PassReport { name, ms: None }).collect();
+        }
+        let mean = |sum: &PassTime| PassReport {
+            name: sum.name,
+            ms: Some(sum.ms / self.frames as f64),
+        };
+        self.sums.iter().map(mean).collect()
+    }
+}
+
+/// Warnings of single frames, each told once with the frames that it is about.
+#[derive(Default)]
+struct Oddities(Vec<(String, Vec<usize>)>);
+
+impl Oddities {
+    fn add(&mut self, frame: usize, warnings: Vec<String>) {
+        for warning in warnings {
+            match self.0.iter_mut().find(|(known, _)| *known == warning) {
+                Some((_, frames)) => frames.push(frame),
+                None => self.0.push((warning, vec![frame])),
+            }
+        }
+    }
+
+    fn summary(self, count: usize) -> Vec<String> {
+        let told = |(warning, frames): (String, Vec<usize>)| match frames[..] {
+            _ if count == 1 => warning,
+            [frame] => format!("frame {frame}: {warning}"),
+            [first, .., last] if frames.len() == count => format!("frames {first} to {last}: {warning}"),
+            _ => format!(
+                "{} of {count} frames, first frame {}: {warning}",
+                frames.len(),
+                frames[0]
+            ),
+        };
+        self.0.into_iter().map(told).collect()
+    }
+}
+
+/// Most frames of one run.
+const MOST_FRAMES: usize = 1_000_000;
+
+/// Parses a number of frames.
+pub fn frame_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count @ 1..=MOST_FRAMES) => Ok(count),
+        _ => Err(format!("expected a whole number from 1 to {MOST_FRAMES}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_warning_of_many_frames_is_told_once() {
+        let mut oddities = Oddities::default();
+        for frame in 0..4 {
+            let mut warnings = vec!["always".to_owned()];
+            if frame % 2 == 1 {
+                warnings.push("at times".to_owned());
+            }
+            if frame == 2 {
+                warnings.push("once".to_owned());
+            }
+            oddities.add(frame, warnings);
+        }
+        let told = oddities.summary(4);
+        assert_eq!(told[0], "frames 0 to 3: always");
+        assert_eq!(told[1], "2 of 4 frames, first frame 1: at times");
+        assert_eq!(told[2], "frame 2: once");
+        let mut single = Oddities::default();
+        single.add(0, vec!["odd".to_owned()]);
+        assert_eq!(single.summary(1), ["odd"]);
+    }
+
+    #[test]
+    fn frame_counts_are_whole_and_in_range() {
+        assert_eq!(frame_count("1"), Ok(1));
+        for wrong in ["0", "-1", "1.5", "", "1000001", "99999999999999999999"] {
+            assert!(frame_count(wrong).is_err(), "{wrong}");
+        }
+    }
+}

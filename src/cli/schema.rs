@@ -1,0 +1,33 @@
+//! `insonify schema`: the JSON schemas of what is read and written.
+
+use clap::{Args, ValueEnum};
+use insonify::output::sidecar::Sidecar;
+use schemars::schema_for;
+
+use super::failure::Failure;
+use super::terminal;
+
+/// Prints the JSON schema of the scene, for editors and for programs that write scenes
+#[derive(Args)]
+pub struct Schema {
+    /// Of what
+    #[arg(value_enum, default_value = "scene")]
+    of: Of,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Of {
+    /// A scene file
+    Scene,
+    /// The sidecar of a frame that `render --sidecar` writes
+    Sidecar,
+}
+
+impl Schema {
+    pub fn run(&self) -> Result<(), Failure> {
+        terminal::emit_json(&match self.of {
+            Of::Scene => insonify::scene::schema(),
+            Of::Sidecar => schema_for!(Sidecar).to_value(),
+        })
+    }
+}

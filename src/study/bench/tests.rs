@@ -1,0 +1,79 @@
+use super::*;
+use crate::study::testing::scene;
+
+#[test]
+fn percentiles_are_nearest_ranks() {
+    assert_eq!(Spread::of(Vec::new()), None);
+    let spread = Spread::of((1..=100).rev().map(f64::from).collect()).unwrap();
+    assert_eq!((spread.median_ms, spread.p95_ms), (50.0, 95.0));
+    assert_eq!((spread.fps, spread.frames), (20.0, 100));
+    let one = Spread::of(vec![4.0]).unwrap();
+    assert_eq!((one.median_ms, one.p95_ms, one.fps), (4.0, 4.0, 250.0));
+}
+
+#[test]
+fn the_ladder_ends_at_slicing_alone() {
+    let (anatomy, settings, state) = scene();
+    let options = BenchOptions {
+        frames: 2,
+        warm_up: 1,
+        ..BenchOptions::default()
+    };
+    let report = bench(&anatomy, &settings, &[state], &Contender::Cpu, &options).unwrap();
+    assert_eq!(
+        (report.backend, &report.adapter, report.software),
+        ("cpu", &None, false)
+    );
+    assert_eq!(report.frame.frames, 2);
+    assert!(report.memory_bytes > 0);
+    let taken: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
+    assert_eq!(
+        taken,
+        ["noise", "tone", "blur", "shadow", "interface", "speckle", "texture"]
+    );
+    let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
+    // Without a tone curve the pass stays: it shows amplitudes linearly.
+    let falls = |pair: &[usize]| pair[1] < pair[0];
+    assert_eq!(
+        passes.windows(2).map(falls).filter(|&falls| !falls).count(),
+        1,
+        "{passes:?}"
+    );
+    let names: Vec<_> = report.passes.iter().map(|pass| pass.name).collect();
+    assert_eq!(names.len(), passes[0]);
+    assert_eq!(
+        passes.last(),
+        Some(&5),
+        "geometry, slice, linear tone, scan conversion, quantise"
+    );
+
+    let mut whole = BenchReport::new(&anatomy, &settings);
+    whole.backends.push(report);
+    let table = whole.to_string();
+    for word in ["64 scanlines", "32x24", "speckle_scatter", "- texture", "all effects"] {
+        assert!(table.contains(word), "{word}: {table}");
+    }
+    let json = serde_json::to_value(&whole).unwrap();
+    assert!(json["backends"][0]["ladder"][1]["median_ms"].is_number());
+    assert_eq!(json["backends"][0]["ladder"][1]["without"], "noise");
+}
+
+#[test]
+fn patience_ends_a_measurement_early_but_not_below_the_least() {
+    let (_, _, state) = scene();
+    let options = BenchOptions {
+        frames: 1000,
+        warm_up: 0,
+        patience: Duration::ZERO,
+    };
+    let clock = Clock {
+        states: &[state],
+        options: &options,
+    };
+    let nap = |_: &FrameState| {
+        std::thread::sleep(Duration::from_millis(1));
+        Ok(())
+    };
+    let frames = clock.repeat(nap).unwrap();
+    assert_eq!(frames.len(), LEAST_FRAMES);
+}

@@ -1,0 +1,45 @@
+//! A small scene for tests.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::effects::{Effects, noise::Noise};
+use crate::phantom::{Phantom, PhantomOptions, default_pose, make};
+use crate::synth::FrameState;
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::tissue::{Preset, TissueTable};
+use crate::tracking::probe::{Probe, ProbeShape};
+
+/// The two-layer phantom at 3 mm under a linear probe, with every usual effect and noise.
+pub fn scene() -> (Anatomy, Settings, FrameState) {
+    let coarse = PhantomOptions {
+        resolution_mm: Some(3.0),
+        seed: 1,
+    };
+    let volume = make(Phantom::TwoLayer, &coarse).unwrap();
+    let (tissues, _) = TissueTable::resolve(volume.labels(), &[], Preset::Auto).unwrap();
+    let anatomy = Anatomy {
+        volume: Arc::new(volume),
+        tissues: Arc::new(tissues),
+        textures: BTreeMap::new(),
+        mesh: None,
+    };
+    let shape = ProbeShape::Linear { width_mm: 38.0 };
+    let mut probe = Probe::new(shape, 60.0).unwrap();
+    (probe.lines, probe.samples) = (64, 32);
+    let mut effects = Effects::usual();
+    effects.noise = Some(Noise::default());
+    let settings = Settings {
+        seed: 1,
+        probe,
+        image: ImageSize {
+            width: 32,
+            height: 24,
+            margin: 0.0,
+            fill: 0,
+        },
+        effects,
+        has_needle: false,
+    };
+    (anatomy, settings, FrameState::at(default_pose(Phantom::TwoLayer)))
+}

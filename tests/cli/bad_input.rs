@@ -1,0 +1,223 @@
+//! Wrong arguments, files and scenes end with status 2; what the machine cannot do, with 1. Nothing panics, and nothing is
+//! left half written.
+
+use std::process::{Command, Stdio};
+
+use crate::support::{Bench, Run, SCENE};
+
+#[test]
+fn wrong_arguments_are_status_2() {
+    let bench = Bench::new();
+    bench.run("").fails(2, &["Usage"]);
+    bench.run("frobnicate").fails(2, &["frobnicate"]);
+    bench.run("render --sise 4x4").fails(2, &["--sise", "--size"]);
+    bench.run("render --size 0x5").fails(2, &["0x5", "640x480"]);
+    bench.run("render --size 99999x1").fails(2, &["16384"]);
+    bench.run("render --frames 0").fails(2, &["--frames"]);
+    bench.run("render --backend tpu").fails(2, &["tpu", "cpu-f64"]);
+    bench
+        .run("render --layers labels,colours")
+        .fails(2, &["colours", "shadowed"]);
+    bench
+        .run("render scene.toml --backend cpu --adapter any")
+        .fails(2, &["--adapter"]);
+    bench
+        .run("render scene.toml --backend cpu -o a.jpg")
+        .fails(2, &["a.jpg", ".png"]);
+    bench
+        .run("render scene.toml --backend cpu --frames 2 -o a.png")
+        .fails(2, &["a.png", "2 frames"]);
+    bench.run("inspect scene.toml --at 1").fails(2, &["320,240"]);
+    bench.run("phantom spleen -o a.nrrd").fails(2, &["abdomen"]);
+    bench
+        .run("phantom abdomen -o a.nrrd --resolution-mm nan")
+        .fails(2, &["NaN", "0.3"]);
+    bench
+        .run("phantom two-layer -o a.xyz --resolution-mm 4")
+        .fails(2, &["a.xyz", ".nrrd"]);
+    assert_eq!(bench.files("."), ["scene.toml"]);
+}
+
+#[test]
+fn wrong_files_are_status_2_and_named() {
+    let bench = Bench::new();
+    bench.run("render none.toml").fails(2, &["none.toml"]);
+    bench.run("info none.nii.gz").fails(2, &["none.nii.gz"]);
+    bench.run("render --labels none.nii.gz").fails(2, &["none.nii.gz"]);
+    bench.write("text.nii", "this is no image");
+    bench.run("info text.nii").fails(2, &["text.nii", "expected"]);
+    bench.write("binary.toml", "version = 1\n");
+    std::fs::write(bench.path("binary.toml"), b"version = 1\n\xff\xfe").unwrap();
+    bench.run("plan binary.toml").fails(2, &["binary.toml", "byte 12"]);
+}
+
+#[test]
+fn a_broken_gzip_is_an_error_of_that_file() {
+    let bench = Bench::new();
+    bench.run("phantom two-layer -o a.nii.gz --resolution-mm 3").text();
+    let whole = std::fs::read(bench.path("a.nii.gz")).unwrap();
+    std::fs::write(bench.path("cut.nii.gz"), &whole[..whole.len() / 2]).unwrap();
+    bench.run("info cut.nii.gz").fails(2, &["cut.nii.gz"]);
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 0x10;
+    std::fs::write(bench.path("flipped.nii.gz"), flipped).unwrap();
+    bench
+        .run("render --labels flipped.nii.gz --backend cpu")
+        .fails(2, &["flipped.nii.gz"]);
+    assert!(!bench.path("frame.png").exists());
+}
+
+#[test]
+fn wrong_scenes_point_at_the_line() {
+    let bench = Bench::new();
+    let cases = [
+        ("sedd = 4\n", vec!["sedd", "line 2", "seed"]),
+        (
+            "[volume]\nphantom = \"abdoman\"\n",
+            vec!["abdoman", "line 3", "abdomen"],
+        ),
+        ("[volume\n", vec!["line 2"]),
+        ("[volume]\nfile = \"none.nrrd\"\n", vec!["none.nrrd", "line 3"]),
+        (
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[effects.blur]\nwidth_mm = -1\n",
+            vec!["width_mm", "line 6", "-1"],
+        ),
+        (
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[pose]\nposition_mm = [nan, 0, 0]\ndirection = [0, 1, 0]\n",
+            vec!["position_mm", "NaN"],
+        ),
+        (
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"curvilinear\"\nangle_deg = 0\n",
+            vec!["angle_deg"],
+        ),
+        (
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"linear\"\ndepth_mm = 0\n",
+            vec!["depth_mm"],
+        ),
+        (
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[pose]\ntarget = \"spleen\"\n",
+            vec!["spleen", "phantom_inclusion"],
+        ),
+    ];
+    for (text, words) in cases {
+        bench.write("wrong.toml", &format!("version = 1\n{text}"));
+        bench.run("render wrong.toml --backend cpu").fails(2, &words);
+    }
+    bench.write("wrong.toml", "[volume]\nphantom = \"two-layer\"\n");
+    bench.run("render wrong.toml --backend cpu").fails(2, &["version"]);
+    assert_eq!(bench.files("."), ["scene.toml", "wrong.toml"]);
+}
+
+#[test]
+fn no_adapter_is_status_1_only_if_one_was_asked_for() {
+    let bench = Bench::new();
+    bench
+        .run_without_gpu("render scene.toml --backend gpu")
+        .fails(1, &["no GPU adapter", "mesa-vulkan-drivers"]);
+    bench
+        .run_without_gpu("bench scene.toml --backend gpu --frames 1")
+        .fails(1, &["no GPU adapter"]);
+    assert!(!bench.path("frame.png").exists());
+    bench.run_without_gpu("render scene.toml").text();
+    let status = bench
+        .run("render scene.toml --backend gpu --adapter no-such-card")
+        .status;
+    assert!(
+        status == Some(2) || status == Some(1),
+        "2 beside other adapters, 1 without any: {status:?}"
+    );
+}
+
+#[test]
+fn unwritable_outputs_are_status_1() {
+    let bench = Bench::new();
+    bench
+        .run("render scene.toml --backend cpu -o none/a.png")
+        .fails(1, &["none/a.png"]);
+    bench
+        .run("render scene.toml --backend cpu -o none/a.mha")
+        .fails(1, &["none/a.mha"]);
+    bench
+        .run("render scene.toml --backend cpu --frames 2 -o scene.toml/out")
+        .fails(1, &["scene.toml/out"]);
+    bench
+        .run("render scene.toml --backend cpu --frames 2 -o scene.toml")
+        .fails(1, &["scene.toml"]);
+    bench
+        .run("phantom two-layer -o none/a.nrrd --resolution-mm 3")
+        .fails(1, &["none/a.nrrd"]);
+    assert_eq!(bench.files("."), ["scene.toml"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn full_outputs_are_status_1() {
+    let bench = Bench::new();
+    bench
+        .run("render scene.toml --backend cpu -o /dev/full")
+        .fails(1, &["/dev/full"]);
+    for arguments in ["scene", "schema", "doctor --json", "completions bash"] {
+        let mut command = bench.command(arguments);
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        command.stdout(full);
+        Run::of(command, arguments).fails(1, &["standard output"]);
+    }
+}
+
+/// A limit on the size of files stands in for a full disk: the write fails half-way.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_that_fills_up_leaves_no_half_file() {
+    let bench = Bench::new();
+    let limited = |arguments: &str| {
+        let mut shell = Command::new("sh");
+        let script = format!(
+            "trap '' XFSZ; ulimit -f 8; exec {} {arguments}",
+            env!("CARGO_BIN_EXE_insonify")
+        );
+        shell.arg("-c").arg(script).current_dir(bench.path("."));
+        Run::of(shell, arguments)
+    };
+    limited("render scene.toml --backend cpu --size 400x300 -o big.png").fails(1, &["big.png"]);
+    limited("render scene.toml --backend cpu --size 400x300 --frames 4 -o big.mha").fails(1, &["big.mha"]);
+    limited("phantom abdomen --resolution-mm 3 -o big.nrrd").fails(1, &["big.nrrd"]);
+    assert_eq!(bench.files("."), ["scene.toml"]);
+    bench.write("kept.png", "what was there before");
+    limited("render scene.toml --backend cpu --size 400x300 -o kept.png").fails(1, &["kept.png"]);
+    assert_eq!(std::fs::read(bench.path("kept.png")).unwrap(), b"what was there before");
+}
+
+#[test]
+fn a_reader_that_has_enough_is_no_failure() {
+    let bench = Bench::new();
+    for arguments in ["schema", "completions zsh", "--help"] {
+        let mut child = bench
+            .command(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.success() && !stderr.contains("panicked"),
+            "{arguments}: {:?} {stderr}",
+            output.status
+        );
+    }
+}
+
+#[test]
+fn scenes_that_are_too_small_to_see_anything_still_render() {
+    let bench = Bench::new();
+    for (from, to) in [
+        ("depth_mm = 60", "depth_mm = 0.1"),
+        ("width_mm = 38", "width_mm = 0.1"),
+        ("samples = 64", "samples = 1"),
+    ] {
+        bench.write("tiny.toml", &SCENE.replace(from, to));
+        let run = bench.run("render tiny.toml --backend cpu -o tiny.png --layers labels,depth,shadowed");
+        assert!(run.status == Some(0) || run.status == Some(2), "{run:?}");
+    }
+}

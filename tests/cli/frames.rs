@@ -1,0 +1,277 @@
+//! `render`: frames and what goes with them.
+
+use insonify::output::sidecar::Sidecar;
+use insonify::tracking::sequence::Sequence;
+use serde_json::json;
+
+use crate::support::{Bench, SCENE, grey, grey16, names};
+
+/// The scene with a probe that slides 10 mm in two seconds, and a needle.
+fn moving() -> String {
+    format!(
+        "{SCENE}
+[motion]
+keyframes = [
+  {{ time_s = 0, position_mm = [0, -40, 0], direction = [0, 1, 0], lateral = [1, 0, 0] }},
+  {{ time_s = 2, position_mm = [10, -40, 0], direction = [0, 1, 0], lateral = [1, 0, 0] }},
+]
+[needle]
+tip_mm = [5, -10, 0]
+direction = [0, 1, 1]
+[effects.needle]
+[effects.shadow]
+[effects.tone]
+"
+    )
+}
+
+#[test]
+fn one_frame_is_a_picture_and_one_object() {
+    let bench = Bench::new();
+    let report = bench.run("render scene.toml --backend cpu --json").json();
+    assert_eq!((&report["backend"], &report["adapter"]), (&json!("cpu"), &json!(null)));
+    assert_eq!((&report["width"], &report["height"]), (&json!(48), &json!(40)));
+    assert_eq!(report["frames"].as_array().unwrap().len(), 1);
+    assert_eq!(report["frames"][0]["path"], "frame.png");
+    assert!(report["frames"][0]["ms"].as_f64().unwrap() > 0.0);
+    assert!(names(&report["passes"]).contains(&"scan_conversion"));
+    assert!(report["passes"][0]["ms"].is_number());
+    assert_eq!(report["warnings"], json!([]));
+    let (size, pixels) = grey(&bench.path("frame.png"));
+    assert_eq!(size, (48, 40));
+    assert!(pixels.iter().any(|&grey| grey > 60), "a picture, not a black square");
+    assert_eq!(bench.files("."), ["frame.png", "scene.toml"]);
+}
+
+#[test]
+fn the_backend_and_the_reason_go_to_standard_error() {
+    let bench = Bench::new();
+    let run = bench.run("render scene.toml");
+    assert_eq!(run.text(), "");
+    assert!(
+        run.stderr.contains("backend: ") && run.stderr.contains("frame.png"),
+        "{run:?}"
+    );
+    let run = bench.run_without_gpu("render scene.toml");
+    assert_eq!(run.text(), "");
+    assert!(
+        run.stderr.contains("backend: cpu (no GPU adapter was found)"),
+        "{run:?}"
+    );
+    let run = bench.run("render scene.toml --backend cpu --quiet");
+    assert_eq!((run.text(), run.stderr.as_str()), ("", ""));
+}
+
+#[test]
+fn the_same_scene_gives_the_same_bytes() {
+    let bench = Bench::new();
+    bench.run("render scene.toml --backend cpu -o a.png").text();
+    let mut single = bench.command("render scene.toml --backend cpu -o b.png");
+    single.env("RAYON_NUM_THREADS", "1");
+    assert!(single.status().unwrap().success());
+    let read = |name: &str| std::fs::read(bench.path(name)).unwrap();
+    assert_eq!(read("a.png"), read("b.png"));
+    bench.run("render scene.toml --backend cpu-f64 -o c.png").text();
+    let (single, double) = (grey(&bench.path("a.png")).1, grey(&bench.path("c.png")).1);
+    let furthest = single.iter().zip(&double).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(furthest <= Some(2), "{furthest:?}");
+}
+
+#[test]
+fn many_frames_fill_a_folder_and_move() {
+    let bench = Bench::new();
+    bench.write("moving.toml", &moving());
+    let report = bench
+        .run("render moving.toml --backend cpu --frames 3 -o out/run --json")
+        .json();
+    let paths: Vec<&str> = report["frames"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|frame| frame["path"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        paths,
+        [
+            "out/run/frame_0000.png",
+            "out/run/frame_0001.png",
+            "out/run/frame_0002.png"
+        ]
+    );
+    assert_eq!(
+        bench.files("out/run"),
+        ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
+    );
+    assert_ne!(grey(&bench.path(paths[0])), grey(&bench.path(paths[2])));
+}
+
+#[test]
+fn a_sequence_reads_back_with_its_poses() {
+    let bench = Bench::new();
+    bench.write("moving.toml", &moving());
+    bench
+        .run("render moving.toml --backend cpu --frames 3 -o pictures")
+        .text();
+    for file in ["sweep.mha", "sweep.nrrd"] {
+        let report = bench
+            .run(&format!("render moving.toml --backend cpu --frames 3 -o {file} --json"))
+            .json();
+        assert_eq!(report["frames"][2]["path"], file);
+        let sequence = Sequence::read(&bench.path(file)).unwrap();
+        assert_eq!(sequence.frames.len(), 3);
+        for (number, x) in [0.0, 5.0, 10.0].into_iter().enumerate() {
+            let image = sequence.image(number).unwrap();
+            let (size, pixels) = grey(&bench.path(&format!("pictures/frame_{number:04}.png")));
+            assert_eq!((image.width, image.height), (size.0 as usize, size.1 as usize));
+            assert_eq!(image.pixels, pixels, "{file} {number}");
+            assert_eq!(sequence.frames[number].timestamp, Some(number as f64));
+            let pose = sequence.transform(number, "Probe", "World").unwrap();
+            assert!(
+                (pose[(0, 3)] - x).abs() < 1e-9 && (pose[(1, 3)] + 40.0).abs() < 1e-9,
+                "{pose}"
+            );
+            let image_to_probe = sequence.transform(number, "Image", "Probe").unwrap();
+            assert!(
+                image_to_probe[(0, 0)] > 0.0 && image_to_probe[(2, 3)].abs() < 1e-9,
+                "{image_to_probe}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_sequence_of_ours_moves_a_probe_again() {
+    let bench = Bench::new();
+    bench.write("moving.toml", &moving());
+    bench
+        .run("render moving.toml --backend cpu --frames 3 -o sweep.mha")
+        .text();
+    let again = moving();
+    let (before, rest) = again.split_once("[motion]").unwrap();
+    let (_, after) = rest.split_once("[needle]").unwrap();
+    let again =
+        format!("{before}[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"ProbeToWorld\"\n[needle]{after}");
+    bench.write("again.toml", &again);
+    bench.run("render again.toml --backend cpu -o again.mha").text();
+    let [first, second] = ["sweep.mha", "again.mha"].map(|name| Sequence::read(&bench.path(name)).unwrap());
+    assert_eq!(second.frames.len(), 3);
+    for frame in 0..3 {
+        assert_eq!(first.image(frame), second.image(frame));
+    }
+}
+
+#[test]
+fn ground_truth_goes_beside_the_frame() {
+    let bench = Bench::new();
+    bench.write("moving.toml", &moving());
+    let layers = "labels,displacement,depth,needle,shadowed";
+    bench
+        .run(&format!(
+            "render moving.toml --backend cpu --frames 1 -o a.png --layers {layers} --sidecar --overview"
+        ))
+        .text();
+    let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("a.json")).unwrap()).unwrap();
+    assert_eq!(sidecar.files.image.as_deref(), Some("a.png"));
+    let listed: Vec<&str> = sidecar.files.layers.iter().map(|layer| layer.name.as_str()).collect();
+    assert_eq!(listed.join(","), layers);
+    assert_eq!((sidecar.seed, sidecar.frame), (3, 0));
+    let layer = |name: &str| {
+        let file = sidecar.files.layers.iter().find(|layer| layer.name == name).unwrap();
+        let (size, values) = grey16(&bench.path(&file.path));
+        assert_eq!(size, (sidecar.image.width as u32, sidecar.image.height as u32));
+        values
+    };
+
+    let needle = sidecar.needle.as_ref().unwrap();
+    assert!(
+        needle.tip_in_picture && needle.tip_out_of_plane_mm.abs() < 1e-9,
+        "{needle:?}"
+    );
+    let [column, row] = needle.tip_px.map(|at| at.round() as usize);
+    let mask = layer("needle");
+    let near = |at: usize| at.saturating_sub(2)..=at + 2;
+    let around = near(row).flat_map(|row| near(column).map(move |column| row * 48 + column));
+    assert!(
+        around.into_iter().any(|at| mask[at] > 0),
+        "the needle's tip is where the sidecar says"
+    );
+
+    let labels = sidecar.parameters["labels"].as_array().unwrap();
+    let pixels = layer("labels");
+    assert!(pixels.iter().all(|&index| usize::from(index) < labels.len()));
+    assert!(
+        pixels
+            .iter()
+            .any(|&index| labels[usize::from(index)]["tissue"] == "phantom_inclusion")
+    );
+    assert!(layer("displacement").iter().all(|&moved| moved == 0));
+    let (depth, shadowed) = (layer("depth"), layer("shadowed"));
+    let column = |values: &[u16]| -> Vec<u16> { (4..36).map(|row| values[row * 48 + 24]).collect() };
+    assert!(
+        column(&depth).is_sorted() && column(&depth)[31] > 300,
+        "tenths of a millimetre add up"
+    );
+    assert!(
+        column(&shadowed).is_sorted() && column(&shadowed)[31] > 100,
+        "hundredths of a decibel add up"
+    );
+
+    let overview = image::open(bench.path("a_overview.png")).unwrap().into_rgb8();
+    assert!(
+        overview.pixels().any(|pixel| pixel.0[0] != pixel.0[1]),
+        "the overview has colours"
+    );
+}
+
+#[test]
+fn a_single_pixel_and_a_single_scanline_are_frames() {
+    let bench = Bench::new();
+    bench
+        .run("render scene.toml --backend cpu --size 1x1 -o dot.png")
+        .text();
+    assert_eq!(grey(&bench.path("dot.png")).0, (1, 1));
+    bench.write(
+        "line.toml",
+        &SCENE
+            .replace("lines = 32", "lines = 1")
+            .replace("samples = 64", "samples = 1"),
+    );
+    bench
+        .run("render line.toml --backend cpu -o line.png --layers labels")
+        .text();
+    assert_eq!(grey(&bench.path("line.png")).0, (48, 40));
+}
+
+#[test]
+fn a_probe_outside_the_volume_gives_a_black_frame_and_a_warning() {
+    let bench = Bench::new();
+    bench.write(
+        "away.toml",
+        &format!("{SCENE}\n[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n"),
+    );
+    let run = bench.run("render away.toml --backend cpu --json --sidecar");
+    let report = run.json();
+    let warning = report["warnings"][0].as_str().unwrap();
+    assert!(
+        warning.contains("wholly outside the volume") && run.stderr.contains(warning),
+        "{run:?}"
+    );
+    assert!(grey(&bench.path("frame.png")).1.iter().all(|&grey| grey == 0));
+    let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("frame.json")).unwrap()).unwrap();
+    assert_eq!(sidecar.warnings, [warning]);
+}
+
+#[test]
+fn a_label_file_alone_is_enough() {
+    let bench = Bench::new();
+    bench.run("phantom abdomen -o body.nii.gz --resolution-mm 4").text();
+    let run = bench.run("render --labels body.nii.gz --backend cpu --size 64x48 --target liver -o liver.png");
+    assert_eq!(run.text(), "");
+    assert!(run.stderr.contains("liver"), "{run:?}");
+    assert!(grey(&bench.path("liver.png")).1.iter().any(|&grey| grey > 60));
+    std::fs::create_dir(bench.path("scenes")).unwrap();
+    bench.write("scenes/own.toml", SCENE);
+    bench
+        .run("render scenes/own.toml --labels body.nii.gz --backend cpu -o replaced.png")
+        .text();
+}

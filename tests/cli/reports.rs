@@ -1,0 +1,177 @@
+//! What the other subcommands print.
+
+use serde_json::json;
+
+use crate::support::{Bench, SCENE, names};
+
+#[test]
+fn plans_list_passes_with_reasons() {
+    let bench = Bench::new();
+    bench.write("bare.toml", &format!("{SCENE}[effects]\n"));
+    let bare = bench.run("plan bare.toml --json").json();
+    assert_eq!(
+        names(&bare["passes"]),
+        ["geometry", "slice", "tone", "scan_conversion", "quantise"]
+    );
+    let without = names(&bare["without"]);
+    for effect in ["warp", "texture", "speckle", "needle", "shadow", "blur", "noise"] {
+        assert!(without.contains(&effect), "{effect}: {without:?}");
+    }
+    assert!(bare["passes"][0]["reason"].is_string() && bare["without"][0]["reason"].is_string());
+    let full = bench.run("plan scene.toml --json").json();
+    assert!(full["bytes"].as_u64() > bare["bytes"].as_u64());
+    assert_eq!(full["warnings"], json!([]));
+    let table = bench.run("plan scene.toml");
+    assert!(
+        table.text().contains("speckle_scatter") && table.text().contains("bytes"),
+        "{table:?}"
+    );
+}
+
+#[test]
+fn phantoms_are_written_and_described() {
+    let bench = Bench::new();
+    bench.run("phantom two-layer -o a.nrrd --resolution-mm 3").text();
+    bench
+        .run("phantom two-layer -o b.mha --resolution-mm 3 --seed 9")
+        .text();
+    let [a, b] = ["a.nrrd", "b.mha"].map(|name| bench.run(&format!("info {name} --json")).json());
+    assert_eq!((&a["size"], &a["spacing_mm"]), (&b["size"], &b["spacing_mm"]));
+    let size: u64 = a["size"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|n| n.as_u64().unwrap())
+        .product();
+    let voxels: u64 = a["labels"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|label| label["voxels"].as_u64().unwrap())
+        .sum();
+    assert_eq!(size, voxels);
+    assert_eq!(a["spacing_mm"][0], 3.0);
+    let inclusion = &a["labels"][2];
+    assert_eq!(
+        (&inclusion["value"], &inclusion["name"]),
+        (&json!(2), &json!("phantom_inclusion"))
+    );
+    let millilitres = inclusion["voxels"].as_f64().unwrap() * 27.0 / 1000.0;
+    assert!((inclusion["millilitres"].as_f64().unwrap() - millilitres).abs() < 1e-9);
+    let table = bench.run("info a.nrrd");
+    assert!(table.text().contains("phantom_inclusion"), "{table:?}");
+}
+
+#[test]
+fn the_default_scene_can_be_edited_and_rendered() {
+    let bench = Bench::new();
+    let text = bench.run("scene").text().to_owned();
+    assert!(text.contains("version = 1"));
+    bench.write("mine.toml", &text);
+    bench.run("plan mine.toml").text();
+    let schema = bench.run("schema").json();
+    assert!(schema["properties"]["volume"].is_object(), "{schema}");
+    let sidecar = bench.run("schema sidecar").json();
+    assert!(sidecar["properties"]["probe_to_world"].is_object(), "{sidecar}");
+}
+
+#[test]
+fn every_scene_that_comes_along_resolves() {
+    let bench = Bench::new();
+    for (name, text) in insonify::scene::EXAMPLES {
+        assert_eq!(bench.run(&format!("scene {name}")).text().trim_end(), text.trim_end());
+        bench.write("one.toml", text);
+        let run = bench.run("plan one.toml --json");
+        assert!(run.json()["passes"].is_array(), "{name}");
+    }
+}
+
+#[test]
+fn a_pixel_is_explained() {
+    let bench = Bench::new();
+    let report = bench.run("inspect scene.toml --at 24,10 --json").json();
+    assert_eq!(report["pixel"], json!([24, 10]));
+    let sample = &report["sample"];
+    assert_eq!(sample["label"]["tissue"], "phantom_top");
+    for key in [
+        "world_mm",
+        "reference_mm",
+        "depth_mm",
+        "texture",
+        "speckle",
+        "shadow",
+        "blur",
+        "stages",
+    ] {
+        assert!(!sample[key].is_null(), "{key}: {report}");
+    }
+    assert_eq!(report["warnings"], json!([]));
+    bench.run("render scene.toml --backend cpu-f64").text();
+    let (size, pixels) = crate::support::grey(&bench.path("frame.png"));
+    assert_eq!(report["grey_level"], pixels[10 * size.0 as usize + 24]);
+    let text = bench.run("inspect scene.toml --at 24,10");
+    assert!(
+        text.text().contains("phantom_top") && text.text().contains("transmittance"),
+        "{text:?}"
+    );
+    bench.run("inspect scene.toml --at 48,0").fails(2, &["48,0", "48x40"]);
+    bench
+        .run("inspect scene.toml --at 1,1 --frame 1")
+        .fails(2, &["--frame 1"]);
+}
+
+#[test]
+fn a_benchmark_climbs_down_to_slicing() {
+    let bench = Bench::new();
+    let report = bench.run("bench scene.toml --backend cpu --frames 2 --json").json();
+    let backend = &report["backends"][0];
+    assert_eq!(backend["backend"], "cpu");
+    for key in ["median_ms", "p95_ms", "fps"] {
+        assert!(backend["frame"][key].as_f64().unwrap() > 0.0);
+    }
+    assert!(names(&backend["passes"]).contains(&"slice"));
+    let ladder = backend["ladder"].as_array().unwrap();
+    assert_eq!(ladder[0]["without"], json!(null));
+    assert_eq!(ladder.last().unwrap()["passes"], 5);
+    assert_eq!(report["warnings"], json!([]));
+    let table = bench.run_without_gpu("bench scene.toml --frames 1");
+    assert!(
+        table.text().contains("all effects") && !table.text().contains("gpu"),
+        "{table:?}"
+    );
+}
+
+#[test]
+fn the_doctor_says_what_would_be_used() {
+    let bench = Bench::new();
+    let healthy = bench.run("doctor --json").json();
+    assert!(healthy["adapters"].is_array() && healthy["reason"].is_string());
+    assert!(healthy["machine"]["cores"].as_u64().unwrap() >= 1);
+    if let Some(adapter) = healthy["adapters"].get(0) {
+        assert_eq!(healthy["backend"], "gpu");
+        assert!(adapter["limits"]["max_storage_buffer_binding_size"].as_u64().unwrap() >= 1 << 27);
+    }
+    let poor = bench.run_without_gpu("doctor --json").json();
+    assert_eq!((&poor["backend"], &poor["adapter"]), (&json!("cpu"), &json!(null)));
+    assert!(poor["hints"][0].as_str().unwrap().contains("mesa-vulkan-drivers"));
+    assert!(
+        bench
+            .run_without_gpu("doctor")
+            .text()
+            .contains("no GPU adapter was found")
+    );
+}
+
+#[test]
+fn help_teaches_and_shells_complete() {
+    let bench = Bench::new();
+    let help = bench.run("--help");
+    for word in ["render", "inspect", "doctor", "Examples:", "Exit status"] {
+        assert!(help.text().contains(word), "{word}: {help:?}");
+    }
+    assert!(bench.run("render --help").text().contains("--layers"));
+    assert!(bench.run("--version").text().contains(env!("CARGO_PKG_VERSION")));
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(bench.run(&format!("completions {shell}")).text().contains("insonify"));
+    }
+}

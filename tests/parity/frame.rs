@@ -1,0 +1,133 @@
+//! Whole frames: the pixels themselves.
+
+use insonify::synth::Synthesizer;
+use insonify::synth::layers::Beam;
+use insonify::synth::tables::Tables;
+
+use crate::case::{Case, check_all};
+use crate::slack::Slack;
+use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::image::{assert_same, assert_within};
+use crate::support::scene::{self, SHAPES};
+use crate::{noise, quantise, scan_conversion, scenes};
+
+/// Compares the frame of a twin with the reference: pixel by pixel within what rounding allows, and so by at most one grey
+/// level unless the bound itself is wider.
+pub fn check_pixels(case: &Case, name: &str, tables: &Tables, beam: &Beam, slack: &Slack, twin: &mut Synthesizer) {
+    let mut image = scan_conversion::carry(tables, beam, &slack.amplitude);
+    noise::carry(tables, case.state.frame, &mut image);
+    let allowed: Vec<[u8; 2]> = image.iter().map(|&pixel| quantise::carry(pixel)).collect();
+    let expected: Vec<u8> = image
+        .iter()
+        .map(|&[grey, _]| (grey + 0.5).clamp(0.0, 255.0) as u8)
+        .collect();
+    let size = [tables.width(), tables.height()];
+    let exact = case
+        .exact()
+        .render(&case.state)
+        .unwrap_or_else(|error| panic!("{name}: {error}"))
+        .pixels
+        .clone();
+    assert_same(&format!("{name}, the reference by itself"), size, &exact, &expected);
+    let frame = twin
+        .render(&case.state)
+        .unwrap_or_else(|error| panic!("{name}: {error}"));
+    assert_within(&format!("{name}, pixels"), size, &frame.pixels, &expected, &allowed);
+}
+
+#[test]
+fn all_effects_on_every_probe_shape() {
+    let mut cases = Vec::new();
+    for (at, (name, shape)) in SHAPES.into_iter().enumerate() {
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scenes::all_effects());
+        settings.has_needle = true;
+        settings.effects.slice.boundary = [Default::default(), insonify::effects::slice::Boundary::Nearest][at % 2];
+        settings.effects.thickness = None;
+        let state = scenes::with_needle(scenes::oblique_pose());
+        cases.push(Case::new(
+            name,
+            scenes::random_anatomy(),
+            settings.clone(),
+            state.clone(),
+        ));
+        settings.effects.thickness = Some(Default::default());
+        settings.effects.noise = None;
+        cases.push(Case::new(
+            format!("{name}, thick"),
+            scenes::oblique_anatomy(),
+            settings,
+            state,
+        ));
+    }
+    check_all("frames", &cases);
+}
+
+#[test]
+fn all_effects_on_deforming_tissue_with_a_bent_needle() {
+    let (anatomy, state) = scenes::pressed();
+    let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    settings.has_needle = true;
+    let state = scenes::with_needle(state);
+    check_all("deforming frames", &[Case::new("pressed", anatomy, settings, state)]);
+}
+
+#[test]
+fn realistic_frames_differ_by_one_grey_level_at_most() {
+    // Layers under a realistic grid: no sample is near a label's edge by design, so no bound is wide.
+    let probe = scene::probe(SHAPES[1].1, 80.0, 128, 256);
+    let mut effects = insonify::effects::Effects::usual();
+    effects.texture = None;
+    let case = Case::new(
+        "realistic",
+        scenes::flat_layers(),
+        scene::sized(probe, effects, 320, 240),
+        scene::straight(),
+    );
+    let exact = case.exact().render(&case.state).expect("a frame").pixels.clone();
+    let gpu = gpu_or_skip("realistic frames");
+    for mut twin in case.twins(gpu.as_ref()) {
+        let frame = twin.render(&case.state).expect("a frame");
+        let allowed: Vec<[u8; 2]> = exact
+            .iter()
+            .map(|&g| [g.saturating_sub(1), g.saturating_add(1)])
+            .collect();
+        assert_within("realistic frame", [320, 240], &frame.pixels, &exact, &allowed);
+        assert!(
+            exact.iter().filter(|&&grey| grey > 40).count() > 5000,
+            "something is to be seen"
+        );
+    }
+}
+
+#[test]
+fn an_image_larger_than_one_binding_is_cut_into_bands() {
+    // 4,200 x 4,200 pixels: the scan map takes 141 MB, a binding holds 134 MB.
+    let Some(gpu) = gpu_or_skip("an image of several bands") else {
+        return;
+    };
+    let probe = scene::probe(SHAPES[2].1, 40.0, 8, 16);
+    let mut effects = scene::bare();
+    effects.noise = Some(Default::default());
+    let case = Case::new(
+        "large",
+        scenes::flat_layers(),
+        scene::sized(probe, effects, 4200, 4200),
+        scene::straight(),
+    );
+    let mut on_gpu = case.on(backend(gpu.clone()));
+    let bands = on_gpu
+        .plan()
+        .bands(on_gpu.tables(), gpu.limits().max_storage_buffer_binding_size);
+    assert!(bands.len() > 1, "the image must not fit one binding: {bands:?}");
+    let found = on_gpu.render(&case.state).expect("a frame").pixels.clone();
+    drop(on_gpu);
+    let mut on_cpu = case.on(insonify::synth::Backend::Cpu);
+    let expected = &on_cpu.render(&case.state).expect("a frame").pixels;
+    let allowed: Vec<[u8; 2]> = expected
+        .iter()
+        .map(|&g| [g.saturating_sub(1), g.saturating_add(1)])
+        .collect();
+    assert_within("several bands", [4200, 4200], &found, expected, &allowed);
+    let differing = found.iter().zip(expected).filter(|(a, b)| a != b).count();
+    println!("{differing} of {} pixels differ by one grey level", found.len());
+}

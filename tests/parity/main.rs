@@ -1,0 +1,64 @@
+//! Parity of the backends, pass by pass.
+//!
+//! The reference in double precision is the truth of these tests; its single-precision twin and the GPU must follow it to
+//! within rounding. How far rounding may carry them is not guessed: each effect has here, in the module of its name, a
+//! running error analysis that takes the bound before its pass to the bound after it. Nothing is excluded and no share of
+//! failures allowed. A label may differ only where the sample provably lies within rounding of a place where labels change.
+//!
+//! Each backend runs the whole chain of passes by itself: no result is carried from one to another.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod case;
+mod rounding;
+mod scenes;
+mod slack;
+
+mod blur;
+mod frame;
+mod geometry;
+mod interface;
+mod needle;
+mod noise;
+mod quantise;
+mod scan_conversion;
+mod shadow;
+mod slice;
+mod speckle;
+mod texture;
+mod thickness;
+mod tone;
+mod warp;
+
+use support::gpu::gpu_or_skip;
+
+/// How many tests of this binary need a GPU.
+#[test]
+fn gpu_tests_run_or_are_counted_as_skipped() {
+    let sources = [
+        include_str!("blur.rs"),
+        include_str!("frame.rs"),
+        include_str!("geometry.rs"),
+        include_str!("interface.rs"),
+        include_str!("needle.rs"),
+        include_str!("noise.rs"),
+        include_str!("quantise.rs"),
+        include_str!("scan_conversion.rs"),
+        include_str!("shadow.rs"),
+        include_str!("slice.rs"),
+        include_str!("speckle.rs"),
+        include_str!("texture.rs"),
+        include_str!("thickness.rs"),
+        include_str!("tone.rs"),
+        include_str!("warp.rs"),
+    ];
+    let tests: usize = sources.iter().map(|source| source.matches("#[test]").count()).sum();
+    match gpu_or_skip("the parity tests") {
+        Some(gpu) => println!(
+            "{tests} parity tests compare both CPU precisions and {}",
+            gpu.report().name
+        ),
+        None => println!("SKIPPED: the GPU half of {tests} parity tests; the CPU half ran"),
+    }
+}

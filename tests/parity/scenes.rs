@@ -1,0 +1,194 @@
+//! Anatomies and poses of the parity tests.
+
+use insonify::effects::Effects;
+use insonify::mechanics::mesh::Displacement;
+use insonify::synth::tables::Anatomy;
+use insonify::synth::{FrameState, NeedleShaft};
+use nalgebra::Vector3;
+
+use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::support::scene;
+
+/// Centre of the volumes, away from the origin as in a real scan, mm.
+const CENTRE: [f64; 3] = [31.0, -44.0, 57.0];
+
+/// Tissues that differ in everything.
+fn tissues() -> Vec<Acoustics> {
+    let row = |echo_db, attenuation_db_cm_mhz, occlusion_per_mm, impedance_mrayl, texture| Acoustics {
+        echo_db,
+        attenuation_db_cm_mhz,
+        occlusion_per_mm,
+        impedance_mrayl,
+        texture,
+    };
+    vec![
+        SILENT,
+        row(0.0, 0.5, 0.0, 1.65, Some("hashed")),
+        row(6.0, 1.1, 0.0, 1.70, None),
+        row(-12.0, 0.1, 0.0, 1.52, Some("hashed")),
+        row(10.0, 2.0, 0.05, 4.0, None),
+    ]
+}
+
+fn textured(mut anatomy: Anatomy) -> Anatomy {
+    anatomy.textures.insert("hashed".into(), anatomy::hashed_texture());
+    anatomy
+}
+
+/// Labels drawn anew at every voxel of a 40 mm cube.
+pub fn random_anatomy() -> Anatomy {
+    textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues(), 1))
+}
+
+/// The same in an oblique, anisotropic frame.
+pub fn oblique_anatomy() -> Anatomy {
+    textured(anatomy::random(
+        Frame::around(CENTRE, [40; 3], 1.0).oblique(),
+        &tissues(),
+        2,
+    ))
+}
+
+/// Random labels that neither attenuate nor occlude.
+pub fn unattenuating() -> Anatomy {
+    let tissues: Vec<Acoustics> = tissues()
+        .into_iter()
+        .map(|own| Acoustics {
+            attenuation_db_cm_mhz: 0.0,
+            occlusion_per_mm: 0.0,
+            ..own
+        })
+        .collect();
+    textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 1))
+}
+
+/// Voxels of 1 mm whose faces lie at whole and half millimetres of the world.
+pub fn unit_voxels() -> Anatomy {
+    textured(anatomy::random(
+        Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
+        &tissues(),
+        3,
+    ))
+}
+
+/// The same with a mesh of cells of 4 mm over its middle.
+pub fn on_a_lattice() -> Anatomy {
+    anatomy::with_mesh(unit_voxels(), [[-10.0, 4.0, -8.0], [10.0, 28.0, 8.0]], 6 * 7 * 5)
+}
+
+/// A ball in a box before a straight probe.
+pub fn ball() -> Anatomy {
+    textured(anatomy::ball(
+        Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
+        [1.0, 19.0, 0.0],
+        9.0,
+        &tissues(),
+    ))
+}
+
+/// Three layers before a straight probe; no sample of the grids used comes near a boundary.
+pub fn flat_layers() -> Anatomy {
+    anatomy::layers(
+        Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).wide(),
+        &[3.37, 21.7, 44.9],
+        &{
+            let mut tissues = tissues();
+            tissues.truncate(4);
+            for own in &mut tissues {
+                own.texture = None;
+            }
+            tissues[0] = PLAIN;
+            tissues
+        },
+    )
+}
+
+impl Frame {
+    /// A hundred times as wide across as along the beam.
+    fn wide(mut self) -> Self {
+        for column in [0, 2] {
+            for row in 0..3 {
+                self.index_to_world[(row, column)] *= 100.0;
+            }
+        }
+        for row in [0, 2] {
+            self.index_to_world[(row, 3)] *= 100.0;
+        }
+        self
+    }
+}
+
+/// A probe at the rim of the volumes, turned about every axis.
+pub fn oblique_pose() -> FrameState {
+    let [x, y, z] = CENTRE;
+    scene::aimed([x - 9.0, y - 17.0, z + 3.0], [x + 4.0, y + 9.0, z - 2.0], 0.7)
+}
+
+/// The volume and the pose 900 mm away from the origin of the world.
+pub fn far_away() -> (Anatomy, FrameState) {
+    let centre = [310.0, -440.0, 720.0];
+    let anatomy = textured(anatomy::random(Frame::around(centre, [40; 3], 1.0), &tissues(), 4));
+    let [x, y, z] = centre;
+    (
+        anatomy,
+        scene::aimed([x - 9.0, y - 17.0, z + 3.0], [x + 4.0, y + 9.0, z - 2.0], 0.7),
+    )
+}
+
+/// Random labels under a mesh smaller than the volume, pressed in and swirled: parts of the beam lie in the mesh, outside
+/// it, and where its tissue has moved away.
+pub fn pressed() -> (Anatomy, FrameState) {
+    let [x, y, z] = CENTRE;
+    let mut anatomy = random_anatomy();
+    anatomy = anatomy::with_mesh(
+        anatomy,
+        [[x - 14.0, y - 13.0, z - 12.0], [x + 12.0, y + 14.0, z + 13.0]],
+        200,
+    );
+    let mut state = oblique_pose();
+    let press = Displacement::Indentation {
+        centre_mm: [x - 4.0, y - 10.0, z],
+        direction: [0.2, 1.0, 0.1],
+        depth_mm: 5.0,
+        radius_mm: 7.0,
+    };
+    let swirl = Displacement::Swirl {
+        centre_mm: CENTRE,
+        axis: [0.3, 0.2, 1.0],
+        angle_deg: 14.0,
+        radius_mm: 9.0,
+    };
+    let mesh = anatomy.mesh.clone().expect("a mesh");
+    let nodes = mesh
+        .nodes()
+        .iter()
+        .map(|&node| {
+            let moved = Vector3::from(node) + Vector3::from(press.apply(node)) + Vector3::from(swirl.apply(node));
+            moved.into()
+        })
+        .collect();
+    state.nodes = Some(nodes);
+    (anatomy, state)
+}
+
+/// A bent needle that leaves the plane of a pose.
+pub fn with_needle(mut state: FrameState) -> FrameState {
+    let points = [[-16.0, 3.0, 0.2], [-7.0, 11.0, 0.1], [1.0, 20.0, 0.3], [6.0, 31.0, 1.1]];
+    let nodes = points
+        .map(|point| state.probe_to_world.transform_point(&point.into()))
+        .to_vec();
+    state.needle = Some(NeedleShaft {
+        nodes,
+        diameter_mm: 1.2,
+    });
+    state
+}
+
+/// Everything that the parameters can switch on.
+pub fn all_effects() -> Effects {
+    Effects {
+        thickness: Some(Default::default()),
+        noise: Some(Default::default()),
+        ..Effects::usual()
+    }
+}
