@@ -245,20 +245,38 @@ fn a_single_pixel_and_a_single_scanline_are_frames() {
 #[test]
 fn a_probe_outside_the_volume_gives_a_black_frame_and_a_warning() {
     let bench = Bench::new();
-    bench.write(
-        "away.toml",
-        &format!("{SCENE}\n[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n"),
-    );
+    let away = "[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n";
+    bench.write("away.toml", &format!("{SCENE}{away}"));
     let run = bench.run("render away.toml --backend cpu --json --sidecar");
-    let report = run.json();
-    let warning = report["warnings"][0].as_str().unwrap();
-    assert!(
-        warning.contains("wholly outside the volume") && run.stderr.contains(warning),
-        "{run:?}"
-    );
+    let warnings = run.json()["warnings"].clone();
+    let [warning] = warnings.as_array().unwrap().as_slice() else {
+        panic!("one warning: {run:?}");
+    };
+    let warning = warning.as_str().unwrap();
+    assert!(warning.contains("nothing of the volume"), "{run:?}");
+    assert_eq!(run.stderr.matches(warning).count(), 1, "{run:?}");
     assert!(grey(&bench.path("frame.png")).1.iter().all(|&grey| grey == 0));
     let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("frame.json")).unwrap()).unwrap();
     assert_eq!(sidecar.warnings, [warning]);
+}
+
+#[test]
+fn a_probe_that_leaves_the_volume_is_told_of_by_frame() {
+    let bench = Bench::new();
+    bench.write("leaving.toml", &moving().replace("[10, -40, 0]", "[400, -40, 0]"));
+    let run = bench.run("render leaving.toml --backend cpu --frames 3 --json --sidecar -o out");
+    let report = run.json();
+    let warnings = report["warnings"].as_array().unwrap();
+    let by_frame = |warning: &&serde_json::Value| warning.as_str().unwrap().contains("wholly outside the volume");
+    let told: Vec<_> = warnings.iter().filter(by_frame).collect();
+    assert_eq!(told.len(), 1, "{run:?}");
+    assert!(
+        told[0].as_str().unwrap().starts_with("2 of 3 frames, first frame 1: "),
+        "{told:?}"
+    );
+    let sidecar = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
+    assert!(sidecar("out/frame_0002.json").contains("wholly outside"));
+    assert!(!sidecar("out/frame_0000.json").contains("wholly outside"));
 }
 
 #[test]
