@@ -137,7 +137,12 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 let end = start + run.len();
                 let entry = texture[usize::from(run[0])];
                 if entry > 0 {
-                    atlas.apply(entry as usize - 1, strength, &positions[start..end], &mut amplitudes[start..end]);
+                    atlas.apply(
+                        entry as usize - 1,
+                        strength,
+                        &positions[start..end],
+                        &mut amplitudes[start..end],
+                    );
                 }
                 start = end;
             }

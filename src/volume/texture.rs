@@ -190,7 +190,11 @@ fn wrap(index: i32, length: i32) -> u32 {
     let quotient = (index as f32 / length as f32) as i32;
     let rest = index.wrapping_sub(quotient.wrapping_mul(length));
     let rest = if rest < 0 { rest.wrapping_add(length) } else { rest };
-    let rest = if rest >= length { rest.wrapping_sub(length) } else { rest };
+    let rest = if rest >= length {
+        rest.wrapping_sub(length)
+    } else {
+        rest
+    };
     // Beyond, any voxel is as good as another, so long as it is one.
     (rest as u32).min(length as u32 - 1)
 }

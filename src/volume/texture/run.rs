@@ -14,7 +14,12 @@ impl Atlas {
     pub fn apply<T: Real>(&self, entry: usize, strength: T, positions: &[[T; 4]], amplitudes: &mut [T]) {
         for (positions, amplitudes) in positions.chunks(BLOCK).zip(amplitudes.chunks_mut(BLOCK)) {
             let mut corners = [Corners::default(); BLOCK];
-            vectorised(Place { atlas: self, entry, positions, corners: &mut corners });
+            vectorised(Place {
+                atlas: self,
+                entry,
+                positions,
+                corners: &mut corners,
+            });
             let placed = self.entries[entry];
             let data = &self.data[placed.offset as usize..];
             for (amplitude, at) in amplitudes.iter_mut().zip(&corners) {
