@@ -24,12 +24,13 @@ pub const VERSION: u32 = 1;
 
 /// A scene file. Paths in it are relative to the folder that it lies in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct SceneFile {
     /// Version of the format: 1.
     #[schemars(required)]
     pub version: Option<u32>,
     /// Seed of everything random in a frame: speckle, noise, solid textures. Default 0.
+    #[serde(default)]
     pub seed: u64,
     /// What is imaged.
     #[schemars(required)]
@@ -55,10 +56,10 @@ pub struct SceneFile {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image: Option<ImageSpec>,
     /// Tissues that differ from the built-in ones.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tissue: Vec<TissueOverride>,
     /// Solid textures from files.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub texture: Vec<TextureSpec>,
     /// The effects. Without any `[effects]` table the usual ones act with their defaults; with one, exactly those that it
     /// names, and `[effects]` alone leaves slicing.

@@ -34,7 +34,7 @@ pub struct MotionSpec {
 
 /// A probe's path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct SequenceSpec {
     /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
@@ -136,7 +136,7 @@ pub struct NeedleKeyframe {
 
 /// A needle's path from a tracked sequence file of PLUS.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct NeedleSequenceSpec {
     /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]

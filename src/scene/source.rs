@@ -62,27 +62,21 @@ impl Source {
         found
     }
 
-    /// Where a key of that name stands within a range of the text: the error of a tagged table points at the whole of it.
-    fn find_key(&self, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
-        fn search(table: &DeTable<'_>, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
-            table.iter().find_map(|(key, value)| {
-                let span = key.span();
-                if key.get_ref() == name && within.start <= span.start && span.end <= within.end {
-                    return Some(span);
+    /// Where a key of that name stands in the table that an error points at; a tagged table is pointed at as a whole, by its
+    /// header or its braces.
+    fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
+        fn search(value: &Spanned<DeValue<'_>>, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
+            match value.get_ref() {
+                DeValue::Table(inner) if value.span() == *table => {
+                    inner.keys().find(|key| key.get_ref() == name).map(Spanned::span)
                 }
-                search_value(value.get_ref(), within, name)
-            })
-        }
-        fn search_value(value: &DeValue<'_>, within: &Range<usize>, name: &str) -> Option<Range<usize>> {
-            match value {
-                DeValue::Table(table) => search(table, within, name),
-                DeValue::Array(list) => list
-                    .iter()
-                    .find_map(|value| search_value(value.get_ref(), within, name)),
+                DeValue::Table(inner) => inner.values().find_map(|value| search(value, table, name)),
+                DeValue::Array(list) => list.iter().find_map(|value| search(value, table, name)),
                 _ => None,
             }
         }
-        search(DeTable::parse(&self.text).ok()?.get_ref(), within, name)
+        let root = DeTable::parse(&self.text).ok()?;
+        root.get_ref().values().find_map(|value| search(value, table, name))
     }
 }
 
@@ -112,8 +106,7 @@ fn unreadable(source: &Arc<Source>, error: &toml::de::Error) -> SceneError {
             .in_text(source, span)
             .with_help(help);
     };
-    let all = 0..source.text.len();
-    let place = source.find_key(span.as_ref().unwrap_or(&all), &key).or(span);
+    let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
     let help = suggest::for_key(&key, &known);
     SceneError::new(Problem::UnknownKey { key, known })
         .in_text(source, place)

@@ -59,19 +59,19 @@ fn tables_with(key: &str) -> Vec<String> {
     static SCHEMA: OnceLock<Value> = OnceLock::new();
     let schema = SCHEMA.get_or_init(super::schema);
     let mut found = Vec::new();
-    collect(schema, schema, "", key, 0, &mut found);
+    collect(schema, schema, [""; 2], key, 0, &mut found);
     found
 }
 
 /// How deep tables lie within tables in a scene.
 const DEEPEST: usize = 3;
 
-fn collect(schema: &Value, at: &Value, path: &str, key: &str, depth: usize, found: &mut Vec<String>) {
+fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, found: &mut Vec<String>) {
     let Some(properties) = at.get("properties").and_then(Value::as_object) else {
         return;
     };
     if !path.is_empty() && properties.contains_key(key) {
-        found.push(format!("[{path}]"));
+        found.push(header.to_owned());
     }
     if depth == DEEPEST {
         return;
@@ -82,7 +82,10 @@ fn collect(schema: &Value, at: &Value, path: &str, key: &str, depth: usize, foun
         } else {
             format!("{path}.{name}")
         };
-        let item = property.get("items").unwrap_or(property);
+        let (item, header) = match property.get("items") {
+            Some(items) => (items, format!("[[{inner}]]")),
+            None => (property, format!("[{inner}]")),
+        };
         let options = item
             .get("anyOf")
             .and_then(Value::as_array)
@@ -90,7 +93,14 @@ fn collect(schema: &Value, at: &Value, path: &str, key: &str, depth: usize, foun
         for option in options {
             let reference = option.get("$ref").and_then(Value::as_str);
             let target = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
-            collect(schema, target.unwrap_or(option), &inner, key, depth + 1, found);
+            collect(
+                schema,
+                target.unwrap_or(option),
+                [&inner, &header],
+                key,
+                depth + 1,
+                found,
+            );
         }
     }
 }
@@ -126,6 +136,6 @@ mod tests {
             Some("`frequency_mhz` belongs in [probe]")
         );
         assert_eq!(tables_with("dynamic_range_db"), ["[effects.tone]"]);
-        assert_eq!(tables_with("young_kpa"), ["[tissue]"]);
+        assert_eq!(tables_with("young_kpa"), ["[[tissue]]"]);
     }
 }

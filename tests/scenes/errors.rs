@@ -28,7 +28,7 @@ fn check(text: &str, mark: &str, says: &[&str]) {
 
 #[test]
 fn text_that_is_no_toml() {
-    check("version = 1\n[volume\nphantom = 3", "\n", &["test.toml, line 2"]);
+    check("version = 1\n[volume\nphantom = 3", "", &["test.toml, line 2"]);
     check(&small("seed = = 3"), "=", &["line 5"]);
 }
 
@@ -51,7 +51,8 @@ fn unknown_keys_get_a_suggestion() {
         "young",
         &["young_kpa"],
     );
-    check(&small("[colour]"), "colour", &["known here", "effects"]);
+    check(&small("[colour]"), "colour", &["belongs in [[tissue]]"]);
+    check(&small("[zzz]"), "zzz", &["known here", "effects"]);
 }
 
 #[test]

@@ -25,7 +25,7 @@ fn every_scene_makes_a_picture() {
         let dark = frame.pixels.iter().filter(|&&grey| grey < 20).count();
         let pixels = frame.pixels.len();
         assert!(
-            bright > pixels / 10 && dark > pixels / 20,
+            bright > pixels / 20 && dark > pixels / 20,
             "{name}: {bright} bright, {dark} dark of {pixels}"
         );
     }

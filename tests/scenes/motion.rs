@@ -1,7 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
 use insonify::synth::FrameState;
-use nalgebra::{Matrix4, Point3, Vector3};
+use nalgebra::{Matrix4, Point3};
 
 use crate::support::{data, fault, resolve, small};
 
@@ -58,9 +58,9 @@ fn fields_add_up_and_the_mesh_covers_the_volume() {
     assert!((4000..6000).contains(&mesh.nodes().len()));
     assert!((state.nodes.expect("nodes")[0][0] - mesh.nodes()[0][0] - 7.0).abs() < 1e-9);
     let volume = &scene.anatomy.volume;
-    let size = volume.size().map(|n| n as f64);
+    let (size, spacing, centre) = (volume.size(), volume.spacing_mm(), volume.centre_mm());
     let corner =
-        |sign: f64| volume.centre_mm() + Vector3::from(size).component_mul(&Vector3::from(volume.spacing_mm())) * (0.5 * sign);
+        |sign: f64| Point3::from([0, 1, 2].map(|axis| centre[axis] + sign * size[axis] as f64 * spacing[axis] / 2.0));
     let [low, high] = mesh.bounds();
     assert!((Point3::from(low) - corner(-1.0)).norm() < 1e-9 && (Point3::from(high) - corner(1.0)).norm() < 1e-9);
 }
@@ -137,7 +137,7 @@ fn invalid_frames_of_a_recording_are_counted() {
         return;
     };
     let text = small(&format!(
-        "[motion.sequence]\nfile = {file:?}\n[needle.motion.sequence]\nfile = {file:?}\ntransform = \"NEEDLEToTracker\"\n"
+        "[motion.sequence]\nfile = {file:?}\n[needle.motion.sequence]\nfile = {file:?}\n"
     ));
     let scene = match resolve(&text) {
         Ok(scene) => scene,
