@@ -1,5 +1,7 @@
 //! In the steady state a frame allocates nothing.
 
+#![allow(unsafe_code, reason = "a global allocator can be had no other way")]
+
 #[path = "../support/mod.rs"]
 mod support;
 

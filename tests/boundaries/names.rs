@@ -68,7 +68,6 @@ fn the_gpu_layer_knows_no_ultrasound() {
             "plan",
             "tissue",
             "tracking",
-            "volume",
             "mechanics",
             "scanline",
             "scanlines",
