@@ -5,3 +5,4 @@ pub mod anatomy;
 pub mod gpu;
 pub mod image;
 pub mod scene;
+pub mod stats;

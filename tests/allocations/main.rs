@@ -1,0 +1,133 @@
+//! In the steady state a frame allocates nothing.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
+
+use insonify::effects::Effects;
+use insonify::mechanics::mesh::Displacement;
+use insonify::synth::tables::{Anatomy, Settings};
+use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
+
+use support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
+use support::scene;
+
+/// The system's allocator, counting.
+struct Counting;
+
+static CALLS: AtomicU64 = AtomicU64::new(0);
+static HELD: AtomicI64 = AtomicI64::new(0);
+
+// SAFETY: every call goes to the system's allocator with the arguments given; the counters are atomics.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Relaxed);
+        HELD.fetch_add(layout.size() as i64, Relaxed);
+        // SAFETY: the caller's promise about the layout is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size() as i64, Relaxed);
+        // SAFETY: the pointer came from `alloc` with this layout, as the caller promises.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const FRAMES: usize = 100;
+
+/// All effects on tissue that deforms anew each frame, with a bent needle that moves.
+fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
+    let tissues = [
+        SILENT,
+        Acoustics {
+            attenuation_db_cm_mhz: 0.6,
+            texture: Some("liver"),
+            ..PLAIN
+        },
+        Acoustics {
+            echo_db: 8.0,
+            occlusion_per_mm: 0.1,
+            impedance_mrayl: 2.0,
+            ..PLAIN
+        },
+    ];
+    let anatomy = anatomy::random(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), &tissues, 5);
+    let anatomy = anatomy::with_mesh(anatomy, [[-14.0, 4.0, -14.0], [14.0, 36.0, 14.0]], 400);
+    let effects = Effects {
+        thickness: Some(Default::default()),
+        noise: Some(Default::default()),
+        ..Effects::usual()
+    };
+    let mut settings = scene::settings(scene::small_probe(), effects);
+    settings.has_needle = true;
+    let mesh = anatomy.mesh.clone().expect("a mesh");
+    let states = (0..FRAMES)
+        .map(|frame| {
+            let share = frame as f64 / 10.0;
+            let press = Displacement::Indentation {
+                centre_mm: [0.0, 5.0, 0.0],
+                direction: [0.1, 1.0, 0.0],
+                depth_mm: 4.0 * share.sin(),
+                radius_mm: 8.0,
+            };
+            let mut state = scene::aimed([0.1 * share, 1.0, 0.3], [1.0, 20.0, 0.0], 0.05 * share);
+            let mut nodes = Vec::new();
+            press.displace(mesh.nodes(), &mut nodes);
+            state.nodes = Some(nodes);
+            state.frame = frame as u64;
+            let shaft = [[-15.0, 4.0, 0.0], [-4.0, 14.0 + 0.1 * share, 0.3], [3.0, 24.0, 0.9]];
+            state.needle = Some(NeedleShaft {
+                nodes: shaft.map(Into::into).to_vec(),
+                diameter_mm: 1.2,
+            });
+            state
+        })
+        .collect();
+    (anatomy, settings, states)
+}
+
+/// Allocations and growth of held bytes while `work` runs.
+fn count(work: impl FnOnce()) -> (u64, i64) {
+    let (calls, held) = (CALLS.load(Relaxed), HELD.load(Relaxed));
+    work();
+    (CALLS.load(Relaxed) - calls, HELD.load(Relaxed) - held)
+}
+
+// One test alone in this binary: another would allocate meanwhile.
+#[test]
+fn a_hundred_frames_allocate_nothing() {
+    let (anatomy, settings, states) = scene();
+    let (calls, held) = count(|| drop(std::hint::black_box(vec![0u8; 100])));
+    assert_eq!((calls, held), (1, 0), "the allocator counts");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("a pool");
+    for backend in [Backend::Cpu, Backend::CpuF64] {
+        let mut synthesizer = Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer");
+        let mut run = || {
+            for state in &states {
+                synthesizer.render(state).expect("a frame");
+            }
+        };
+        // Inside a pool a parallel loop lives on the stacks of its threads: after a first round there is nothing to allocate.
+        let (calls, held) = pool.install(|| {
+            run();
+            count(&mut run)
+        });
+        assert_eq!((calls, held), (0, 0), "calls and bytes in {FRAMES} frames");
+        // From outside, each parallel loop goes through the pool's queue, which takes a block for every 63 entries and gives it
+        // back. A frame has at most 32 loops; no byte is kept beyond two blocks.
+        run();
+        let (calls, held) = count(&mut run);
+        println!(
+            "{}: {calls} allocations in {FRAMES} frames by the queue of the pool",
+            synthesizer.backend()
+        );
+        assert!(calls <= (FRAMES as u64 * 32).div_ceil(63), "{calls} allocations");
+        assert!(held.abs() <= 4096, "{held} bytes more are held");
+    }
+}

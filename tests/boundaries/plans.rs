@@ -1,0 +1,423 @@
+//! Only what a scene calls for is there: passes, resources, pipelines, memory.
+
+use insonify::effects::Effects;
+use insonify::effects::pass::Resource::{self, *};
+use insonify::plan::Plan;
+use insonify::synth::tables::{Anatomy, Settings};
+use insonify::synth::{Backend, Synthesizer};
+
+use crate::shaders::tables;
+use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::scene;
+
+/// A scene, and what its plan must hold beyond the passes that every frame needs.
+pub struct Scene {
+    pub name: &'static str,
+    pub anatomy: Anatomy,
+    pub settings: Settings,
+    passes: &'static [&'static str],
+    resources: &'static [Resource],
+}
+
+/// Every frame: where its samples lie, their labels, grey levels, pixels, bytes.
+const ALWAYS: &[&str] = &["geometry", "slice", "tone", "scan_conversion", "quantise"];
+
+const ALWAYS_BOUND: &[Resource] = &[
+    Rays, Position, Voxels, LabelRows, Label, Amplitude, Gain, ScanMap, Image, Pixels,
+];
+
+const SPECKLE: &[Resource] = &[Scatter, ScatterAxial, AxialKernel, LateralKernel];
+
+fn lossy() -> Acoustics {
+    Acoustics {
+        attenuation_db_cm_mhz: 0.5,
+        texture: Some("liver"),
+        ..PLAIN
+    }
+}
+
+fn lossless() -> Acoustics {
+    Acoustics {
+        texture: Some("liver"),
+        ..PLAIN
+    }
+}
+
+fn box_of(tissue: Acoustics) -> Anatomy {
+    anatomy::of(Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0), &[SILENT, tissue], |_| 1)
+}
+
+fn scene(
+    name: &'static str,
+    anatomy: Anatomy,
+    edit: impl Fn(&mut Settings),
+    passes: &'static [&'static str],
+    resources: &'static [Resource],
+) -> Scene {
+    let mut settings = scene::settings(scene::small_probe(), scene::bare());
+    edit(&mut settings);
+    Scene {
+        name,
+        anatomy,
+        settings,
+        passes,
+        resources,
+    }
+}
+
+/// All effects, on deforming, attenuating, textured tissue with a needle.
+pub fn everything() -> Scene {
+    let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
+    scene(
+        "everything",
+        anatomy::with_mesh(box_of(lossy()), mesh, 60),
+        |settings| {
+            settings.effects = Effects {
+                thickness: Some(Default::default()),
+                noise: Some(Default::default()),
+                ..Effects::usual()
+            };
+            settings.has_needle = true;
+        },
+        &[
+            "warp",
+            "texture",
+            "thickness",
+            "speckle_scatter",
+            "speckle_axial",
+            "speckle_lateral",
+            "interface",
+            "needle",
+            "shadow",
+            "blur",
+            "noise",
+        ],
+        &[
+            Element,
+            ElementMaps,
+            Adjacency,
+            CellStarts,
+            CellElements,
+            TextureEntries,
+            TextureAtlas,
+            Scatter,
+            ScatterAxial,
+            AxialKernel,
+            LateralKernel,
+            LineSpacing,
+            Needle,
+            NeedleMask,
+            Loss,
+            BlurKernel,
+            AmplitudeNext,
+        ],
+    )
+}
+
+pub fn scenes() -> Vec<Scene> {
+    let mesh = [[-12.0, 2.0, -12.0], [12.0, 36.0, 12.0]];
+    vec![
+        scene("nothing named", box_of(lossy()), |_| {}, &[], &[]),
+        scene(
+            "only speckle",
+            box_of(lossy()),
+            |s| s.effects.speckle = Some(Default::default()),
+            &["speckle_scatter", "speckle_axial", "speckle_lateral"],
+            SPECKLE,
+        ),
+        scene(
+            "a needle without a needle effect",
+            box_of(lossy()),
+            |s| s.has_needle = true,
+            &[],
+            &[],
+        ),
+        scene(
+            "a needle effect without a needle",
+            box_of(lossy()),
+            |s| s.effects.needle = Some(Default::default()),
+            &[],
+            &[],
+        ),
+        scene(
+            "a needle",
+            box_of(lossy()),
+            |s| {
+                s.effects.needle = Some(Default::default());
+                s.has_needle = true;
+            },
+            &["needle"],
+            &[Needle, NeedleMask],
+        ),
+        scene(
+            "shadow without an attenuating tissue",
+            box_of(lossless()),
+            |s| s.effects.shadow = Some(Default::default()),
+            &[],
+            &[],
+        ),
+        scene(
+            "shadow of attenuating tissue",
+            box_of(lossy()),
+            |s| s.effects.shadow = Some(Default::default()),
+            &["shadow"],
+            &[Loss],
+        ),
+        scene(
+            "shadow of a needle alone",
+            box_of(lossless()),
+            |s| {
+                s.effects.shadow = Some(Default::default());
+                s.effects.needle = Some(Default::default());
+                s.has_needle = true;
+            },
+            &["needle", "shadow"],
+            &[Needle, NeedleMask, Loss],
+        ),
+        scene(
+            "shadow switched off in all its parts",
+            box_of(lossy()),
+            |s| {
+                s.effects.shadow = Some(insonify::effects::shadow::Shadow {
+                    attenuation: false,
+                    occlusion: false,
+                    needle_db_mm: 0.0,
+                });
+            },
+            &[],
+            &[],
+        ),
+        scene(
+            "textures of tissues without any",
+            box_of(PLAIN),
+            |s| s.effects.texture = Some(Default::default()),
+            &[],
+            &[],
+        ),
+        scene(
+            "textures",
+            box_of(lossy()),
+            |s| s.effects.texture = Some(Default::default()),
+            &["texture"],
+            &[TextureEntries, TextureAtlas],
+        ),
+        scene(
+            "a deforming mesh",
+            anatomy::with_mesh(box_of(lossy()), mesh, 60),
+            |_| {},
+            &["warp"],
+            &[Element, ElementMaps, Adjacency, CellStarts, CellElements],
+        ),
+        scene(
+            "blur",
+            box_of(lossy()),
+            |s| s.effects.blur = Some(Default::default()),
+            &["blur"],
+            &[BlurKernel, AmplitudeNext],
+        ),
+        scene(
+            "blur of one scanline",
+            box_of(lossy()),
+            |s| {
+                s.effects.blur = Some(Default::default());
+                s.probe.lines = 1;
+            },
+            &[],
+            &[],
+        ),
+        scene(
+            "interfaces",
+            box_of(lossy()),
+            |s| s.effects.interface = Some(Default::default()),
+            &["interface"],
+            &[LineSpacing],
+        ),
+        scene(
+            "thickness",
+            box_of(lossy()),
+            |s| s.effects.thickness = Some(Default::default()),
+            &["thickness"],
+            &[],
+        ),
+        scene(
+            "noise",
+            box_of(lossy()),
+            |s| s.effects.noise = Some(Default::default()),
+            &["noise"],
+            &[],
+        ),
+        scene(
+            "tone",
+            box_of(lossy()),
+            |s| s.effects.tone = Some(Default::default()),
+            &[],
+            &[],
+        ),
+        everything(),
+    ]
+}
+
+/// Names in the order of the registry, which is that of a frame.
+fn expected_passes(scene: &Scene) -> Vec<&'static str> {
+    const ORDER: [&str; 16] = [
+        "geometry",
+        "warp",
+        "slice",
+        "texture",
+        "thickness",
+        "speckle_scatter",
+        "speckle_axial",
+        "speckle_lateral",
+        "interface",
+        "needle",
+        "shadow",
+        "blur",
+        "tone",
+        "scan_conversion",
+        "noise",
+        "quantise",
+    ];
+    ORDER
+        .into_iter()
+        .filter(|name| ALWAYS.contains(name) || scene.passes.contains(name))
+        .collect()
+}
+
+fn expected_resources(scene: &Scene) -> Vec<Resource> {
+    let mut resources = [ALWAYS_BOUND, scene.resources].concat();
+    resources.sort();
+    resources
+}
+
+#[test]
+fn plans_list_the_passes_called_for_and_no_other() {
+    for scene in scenes() {
+        let plan = Plan::new(&tables(&scene));
+        let found: Vec<&str> = plan.passes.iter().map(|planned| planned.pass.name).collect();
+        assert_eq!(found, expected_passes(&scene), "{}", scene.name);
+        let resources: Vec<Resource> = plan.resources.iter().map(|planned| planned.resource).collect();
+        assert_eq!(resources, expected_resources(&scene), "{}", scene.name);
+        // Every effect either runs or is left out, and says why.
+        let effects: std::collections::BTreeSet<&str> = plan.passes.iter().map(|planned| planned.effect).collect();
+        assert_eq!(
+            effects.len() + plan.without.len(),
+            insonify::effects::REGISTRY.len(),
+            "{}",
+            scene.name
+        );
+        for omitted in &plan.without {
+            assert!(!effects.contains(omitted.name), "{}: {}", scene.name, omitted.name);
+            assert!(!omitted.reason.is_empty());
+        }
+        assert!(plan.passes.iter().all(|planned| !planned.reason.is_empty()));
+    }
+}
+
+#[test]
+fn reports_add_up() {
+    for scene in scenes() {
+        let plan = Plan::new(&tables(&scene));
+        let report = plan.report();
+        assert_eq!(
+            report.bytes,
+            report.resources.iter().map(|resource| resource.bytes).sum::<u64>()
+        );
+        assert!(
+            report.resources.iter().all(|resource| resource.bytes > 0),
+            "{}: {report}",
+            scene.name
+        );
+        let text = report.to_string();
+        for pass in &report.passes {
+            assert!(text.contains(pass.name), "{text}");
+        }
+        let json = serde_json::to_value(&report).expect("JSON");
+        assert_eq!(json["passes"].as_array().map(Vec::len), Some(plan.passes.len()));
+    }
+}
+
+#[test]
+fn pipelines_and_buffers_are_those_of_the_plan() {
+    let Some(gpu) = gpu_or_skip("pipelines of plans") else {
+        return;
+    };
+    for scene in scenes() {
+        let synthesizer = Synthesizer::new(scene.anatomy.clone(), scene.settings.clone(), backend(gpu.clone()))
+            .expect("a synthesizer");
+        let mut found = synthesizer.pipelines();
+        found.sort_unstable();
+        let mut expected = expected_passes(&scene);
+        expected.sort_unstable();
+        assert_eq!(found, expected, "{}", scene.name);
+        assert_eq!(synthesizer.memory_bytes(), synthesizer.plan().bytes(), "{}", scene.name);
+    }
+}
+
+#[test]
+fn effects_taken_away_take_their_pipelines_and_memory_along() {
+    let gpu = gpu_or_skip("effects taken away");
+    let all = everything();
+    for make in [Backend::Cpu, Backend::CpuF64].into_iter().chain(gpu.map(backend)) {
+        let mut synthesizer = Synthesizer::new(all.anatomy.clone(), all.settings.clone(), make).expect("a synthesizer");
+        let mut settings = all.settings.clone();
+        let removals: [(&str, fn(&mut Settings)); 6] = [
+            ("thickness", |s| s.effects.thickness = None),
+            ("texture", |s| s.effects.texture = None),
+            ("speckle", |s| s.effects.speckle = None),
+            ("needle", |s| s.has_needle = false),
+            ("shadow", |s| s.effects.shadow = None),
+            ("blur", |s| s.effects.blur = None),
+        ];
+        let on_gpu = synthesizer.backend() == "gpu";
+        for (name, remove) in removals {
+            let (bytes, pipelines) = (synthesizer.memory_bytes(), synthesizer.pipelines().len());
+            remove(&mut settings);
+            synthesizer.set(settings.clone()).expect("fewer effects");
+            // Textures and kernels are tables: on the CPU they are no working memory.
+            if on_gpu || !["texture"].contains(&name) {
+                assert!(
+                    synthesizer.memory_bytes() < bytes,
+                    "{}: {name} leaves its memory",
+                    synthesizer.backend()
+                );
+            }
+            if on_gpu {
+                assert!(synthesizer.pipelines().len() < pipelines, "{name} leaves its pipeline");
+            }
+        }
+    }
+}
+
+#[test]
+fn bands_cover_every_row_once_and_fit_the_limit() {
+    let mut scene = everything();
+    (scene.settings.image.width, scene.settings.image.height) = (129, 77);
+    let tables = tables(&scene);
+    let plan = Plan::new(&tables);
+    let row = tables.bytes(ScanMap) / 77;
+    let largest = [ScanMap, Image, Pixels]
+        .map(|resource| tables.bytes(resource) / 77)
+        .into_iter()
+        .max()
+        .expect("three");
+    assert_eq!(largest, row, "the scan map is the largest");
+    for (limit, bands) in [
+        (u64::MAX, 1),
+        (row * 77, 1),
+        (row * 77 - 1, 2),
+        (row * 10, 8),
+        (row, 77),
+        (1, 77),
+    ] {
+        let found = plan.bands(&tables, limit);
+        assert_eq!(found.len(), bands, "{limit} bytes a binding");
+        let mut next = 0;
+        for band in found {
+            assert_eq!(band.first_row, next);
+            assert!(band.rows >= 1 && (band.rows == 1 || u64::from(band.rows) * row <= limit));
+            next += band.rows;
+        }
+        assert_eq!(next, 77);
+    }
+}

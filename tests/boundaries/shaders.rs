@@ -1,0 +1,263 @@
+//! What naga reads in the shaders against what the passes declare.
+
+use std::collections::BTreeMap;
+
+use insonify::effects::REGISTRY;
+use insonify::effects::pass::{Access, Band, Pass};
+use insonify::gpu::uniforms::SLOT_BYTES;
+use insonify::synth::tables::Tables;
+use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
+use naga::{AddressSpace, Module, StorageAccess, TypeInner};
+
+use crate::plans::{Scene, everything, scenes};
+
+pub fn tables(scene: &Scene) -> Tables {
+    Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables")
+}
+
+/// Every pass of every effect, in all variants that the scenes of these tests bring forth.
+pub fn passes() -> Vec<&'static Pass> {
+    let mut found: BTreeMap<(&str, &str), &'static Pass> = BTreeMap::new();
+    for scene in scenes() {
+        let tables = tables(&scene);
+        for effect in REGISTRY {
+            for pass in (effect.passes)(&tables) {
+                found.insert((pass.name, pass.entry), pass);
+            }
+        }
+    }
+    found.into_values().collect()
+}
+
+/// A parsed and validated shader.
+pub fn parse(pass: &Pass) -> (Module, ModuleInfo) {
+    let module = naga::front::wgsl::parse_str(pass.shader)
+        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(pass.shader)));
+    let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+        .validate(&module)
+        .unwrap_or_else(|error| panic!("{}: {}", pass.name, error.emit_to_string(pass.shader)));
+    (module, info)
+}
+
+fn entry(pass: &Pass, module: &Module) -> usize {
+    let at = module.entry_points.iter().position(|entry| entry.name == pass.entry);
+    at.unwrap_or_else(|| panic!("{}: no entry point {}", pass.name, pass.entry))
+}
+
+#[test]
+fn every_variant_of_every_pass_is_covered() {
+    let names: Vec<_> = passes().iter().map(|pass| (pass.name, pass.entry)).collect();
+    for expected in [
+        ("shadow", "tissue"),
+        ("shadow", "tissue_and_needle"),
+        ("speckle_axial", "axial_pass"),
+    ] {
+        assert!(names.contains(&expected), "{expected:?} is not among {names:?}");
+    }
+    assert!(names.len() >= REGISTRY.len() + 3);
+}
+
+#[test]
+fn bindings_are_those_declared() {
+    for pass in passes() {
+        let (module, info) = parse(pass);
+        let own = info.get_entry_point(entry(pass, &module));
+        let mut used: BTreeMap<u32, (AddressSpace, GlobalUse)> = BTreeMap::new();
+        for (handle, variable) in module.global_variables.iter() {
+            let Some(binding) = variable.binding.filter(|_| !own[handle].is_empty()) else {
+                continue;
+            };
+            assert_eq!(binding.group, 0, "{}: {:?}", pass.name, variable.name);
+            let twice = used.insert(binding.binding, (variable.space, own[handle]));
+            assert!(
+                twice.is_none(),
+                "{}: binding {} is used twice",
+                pass.name,
+                binding.binding
+            );
+        }
+        let numbers: Vec<u32> = used.keys().copied().collect();
+        let declared: Vec<u32> = (0..=pass.bindings.len() as u32).collect();
+        assert_eq!(numbers, declared, "{}: bindings used, bindings declared", pass.name);
+        assert_eq!(used[&0].0, AddressSpace::Uniform, "{}: binding 0", pass.name);
+        for (number, &(resource, access)) in (1..).zip(pass.bindings) {
+            let place = format!("{}: binding {number}, {resource:?}", pass.name);
+            let (space, usage) = used[&number];
+            let expected = match access {
+                Access::Read => StorageAccess::LOAD,
+                Access::Write => StorageAccess::LOAD | StorageAccess::STORE,
+            };
+            assert_eq!(space, AddressSpace::Storage { access: expected }, "{place}");
+            assert_eq!(
+                usage.contains(GlobalUse::WRITE),
+                access == Access::Write,
+                "{place}: written or not"
+            );
+        }
+    }
+}
+
+#[test]
+fn no_resource_is_bound_twice_to_a_pass() {
+    for pass in passes() {
+        for (at, (resource, _)) in pass.bindings.iter().enumerate() {
+            assert!(
+                pass.bindings[..at].iter().all(|(other, _)| other != resource),
+                "{}: {resource:?}",
+                pass.name
+            );
+        }
+    }
+}
+
+#[test]
+fn workgroups_cover_the_work_and_no_more() {
+    let mut checked = 0;
+    for scene in scenes() {
+        let tables = tables(&scene);
+        let band = Band {
+            first_row: 0,
+            rows: tables.height() as u32,
+        };
+        for effect in REGISTRY.iter().filter(|effect| (effect.wanted)(&tables).is_ok()) {
+            for pass in (effect.passes)(&tables) {
+                let (module, _) = parse(pass);
+                let [size, one, also_one] = module.entry_points[entry(pass, &module)].workgroup_size;
+                assert_eq!((one, also_one), (1, 1), "{}", pass.name);
+                let [x, y, z] = (pass.workgroups)(&tables, band);
+                let work = work(pass, &tables);
+                let place = format!(
+                    "{} of {}: {x} x {y} x {z} groups of {size} for {work:?}",
+                    pass.name, scene.name
+                );
+                assert_eq!((u64::from(y), u64::from(z)), (work[1], work[2]), "{place}");
+                let invocations = u64::from(x) * u64::from(size);
+                assert!(
+                    invocations >= work[0] && invocations < work[0] + u64::from(size),
+                    "{place}"
+                );
+                assert!([x, y, z].iter().all(|&groups| groups <= 65_535), "{place}");
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 60, "{checked}");
+}
+
+/// Invocations that a pass needs along x, and groups along y and z.
+fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
+    let (lines, samples, planes) = (tables.lines() as u64, tables.samples() as u64, tables.planes() as u64);
+    match pass.name {
+        "geometry" | "slice" | "texture" => [samples, lines, planes],
+        "warp" => [lines * samples * planes, 1, 1],
+        "thickness" => [lines * samples, 1, 1],
+        "speckle_scatter" | "speckle_axial" => [
+            samples,
+            tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
+            1,
+        ],
+        "speckle_lateral" | "interface" | "needle" | "blur" | "tone" => [samples, lines, 1],
+        // One group a scanline, however many samples.
+        "shadow" => [256, lines, 1],
+        "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
+        "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
+        other => panic!("say what work the pass {other} has"),
+    }
+}
+
+#[test]
+fn a_large_grid_unfolds_over_two_dimensions() {
+    let mut scene = everything();
+    (scene.settings.probe.lines, scene.settings.probe.samples) = (1024, 8192);
+    let tables = tables(&scene);
+    let band = Band { first_row: 0, rows: 1 };
+    for effect in REGISTRY {
+        for pass in (effect.passes)(&tables) {
+            let groups = (pass.workgroups)(&tables, band);
+            assert!(
+                groups.iter().all(|&n| (1..=65_535).contains(&n)),
+                "{}: {groups:?}",
+                pass.name
+            );
+            if pass.name == "warp" || pass.name == "thickness" {
+                let planes = if pass.name == "warp" { tables.planes() as u64 } else { 1 };
+                let covered = u64::from(groups[0]) * u64::from(groups[1]) * 64;
+                assert!(covered >= planes * 1024 * 8192, "{}: {groups:?}", pass.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_of_tables_have_the_layout_of_their_structs() {
+    use insonify::synth::tables::LabelRow;
+    use insonify::volume::texture::AtlasEntry;
+    use std::mem::offset_of;
+    let expected: [(&str, usize, &[(&str, usize)]); 2] = [
+        (
+            "LabelRow",
+            size_of::<LabelRow>(),
+            &[
+                ("echo", offset_of!(LabelRow, echo)),
+                ("impedance", offset_of!(LabelRow, impedance)),
+                ("loss", offset_of!(LabelRow, loss)),
+                ("texture", offset_of!(LabelRow, texture)),
+            ],
+        ),
+        (
+            "TextureEntry",
+            size_of::<AtlasEntry>(),
+            &[
+                ("to_voxel_x", offset_of!(AtlasEntry, to_voxel)),
+                ("to_voxel_y", offset_of!(AtlasEntry, to_voxel) + 16),
+                ("to_voxel_z", offset_of!(AtlasEntry, to_voxel) + 32),
+                ("size", offset_of!(AtlasEntry, size)),
+                ("offset", offset_of!(AtlasEntry, offset)),
+            ],
+        ),
+    ];
+    let mut found = 0;
+    for pass in passes() {
+        let (module, _) = parse(pass);
+        for (name, size, members) in expected {
+            let Some((layout, span)) = layout(&module, name) else {
+                continue;
+            };
+            assert_eq!(span, size, "{}: {name}", pass.name);
+            for (member, offset) in members {
+                assert_eq!(layout.get(*member), Some(offset), "{}: {name}.{member}", pass.name);
+            }
+            found += 1;
+        }
+    }
+    assert!(found >= 5, "{found}");
+}
+
+/// Offsets of the members of a struct of a shader, and its size.
+pub fn layout(module: &Module, name: &str) -> Option<(BTreeMap<String, usize>, usize)> {
+    let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name))?;
+    let TypeInner::Struct { members, span } = &ty.inner else {
+        return None;
+    };
+    let offsets = members
+        .iter()
+        .filter_map(|member| Some((member.name.clone()?, member.offset as usize)))
+        .collect();
+    Some((offsets, *span as usize))
+}
+
+/// The struct that a pass binds as its uniform block.
+pub fn uniform(module: &Module) -> (BTreeMap<String, usize>, usize) {
+    let (_, variable) = module
+        .global_variables
+        .iter()
+        .find(|(_, variable)| variable.space == AddressSpace::Uniform)
+        .expect("a uniform block");
+    let name = module.types[variable.ty].name.as_deref().expect("a named struct");
+    let (members, span) = layout(module, name).expect("a struct");
+    assert!(
+        span as u64 <= SLOT_BYTES,
+        "{name} takes {span} bytes, a slot holds {SLOT_BYTES}"
+    );
+    (members, span)
+}

@@ -1,0 +1,127 @@
+//! Uniform blocks: the same names at the same offsets in Rust and in WGSL.
+
+use std::mem::offset_of;
+
+use insonify::effects::{
+    blur, geometry, interface, needle, noise, quantise, scan_conversion, shadow, slice, speckle, texture, thickness,
+    tone,
+};
+use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
+
+use crate::shaders::{layout, parse, passes, uniform};
+
+struct Block {
+    /// Start of the names of the passes that bind it.
+    pass: &'static str,
+    size: usize,
+    members: Vec<(&'static str, usize)>,
+}
+
+macro_rules! block {
+    ($pass:literal, $params:ty, $($member:ident),+) => {
+        Block {
+            pass: $pass,
+            size: size_of::<$params>(),
+            members: vec![$((stringify!($member), offset_of!($params, $member))),+],
+        }
+    };
+}
+
+fn blocks() -> Vec<Block> {
+    vec![
+        block!(
+            "geometry",
+            geometry::Params,
+            probe_to_world,
+            lines,
+            samples,
+            sample_mm,
+            plane_mm
+        ),
+        block!(
+            "warp", WarpParams, lines, samples, planes, elements, carries_at, tangled, deformed, reference
+        ),
+        block!("slice", slice::Params, world_to_index, size, vote, lines, samples),
+        block!("texture", texture::Params, lines, samples, strength),
+        block!("thickness", thickness::Params, weights, count, planes, stride),
+        block!(
+            "speckle",
+            speckle::Params,
+            elevation,
+            planes,
+            seed,
+            lines,
+            samples,
+            oversampling,
+            plane_count,
+            plane_mm,
+            per_mm,
+            axial_reach,
+            lateral_reach
+        ),
+        block!(
+            "interface",
+            interface::Params,
+            lines,
+            samples,
+            sample_mm,
+            mirror,
+            directivity
+        ),
+        block!(
+            "needle",
+            needle::Params,
+            samples,
+            sample_mm,
+            segments,
+            radius_mm,
+            thickness_mm,
+            echo,
+            directivity,
+            reverberations,
+            reverberation_mm,
+            reverberation
+        ),
+        block!("shadow", shadow::Params, samples, needle_units, exponent),
+        block!("blur", blur::Params, lines, samples, reach),
+        block!("tone", tone::Params, samples, compress, per_octave, middle, gamma),
+        block!("scan_conversion", scan_conversion::Params, width, lines, samples, fill),
+        block!("noise", noise::Params, seed, width, first_row, frame, scale),
+        block!("quantise", quantise::Params, width, words_per_row),
+    ]
+}
+
+#[test]
+fn uniform_blocks_have_the_layout_of_their_structs() {
+    for pass in passes() {
+        let block = blocks().into_iter().find(|block| pass.name.starts_with(block.pass));
+        let block = block.unwrap_or_else(|| panic!("say what members the uniform block of {} has", pass.name));
+        let (module, _) = parse(pass);
+        let (mut members, span) = uniform(&module);
+        assert_eq!(span, block.size, "{}: size of the block", pass.name);
+        for (name, offset) in block.members {
+            assert_eq!(members.remove(name), Some(offset), "{}: offset of {name}", pass.name);
+        }
+        members.retain(|name, _| !name.starts_with("unused"));
+        assert!(
+            members.is_empty(),
+            "{}: members of the shader that Rust does not fill: {members:?}",
+            pass.name
+        );
+    }
+}
+
+#[test]
+fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
+    let pass = passes().into_iter().find(|pass| pass.name == "warp").expect("the warp");
+    let (module, _) = parse(pass);
+    let (members, span) = layout(&module, "Grid").expect("the grid");
+    assert_eq!(span, size_of::<GridParams>());
+    let grid = block!(
+        "warp", GridParams, origin, per_mm, low, starts_at, high, lists_at, cells, frames_at
+    );
+    assert_eq!(members.len(), grid.members.len());
+    for (name, offset) in grid.members {
+        assert_eq!(members.get(name), Some(&offset), "{name}");
+    }
+}

@@ -1,0 +1,72 @@
+//! Statistics of fields and fits of orders.
+
+/// Mean.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Standard deviation of a sample.
+pub fn std(values: &[f64]) -> f64 {
+    let middle = mean(values);
+    (values.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
+}
+
+/// Root mean square.
+pub fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// Correlation coefficient.
+pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (mean(a), mean(b));
+    let product: f64 = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum();
+    let squares = |v: &[f64], m: f64| v.iter().map(|x| (x - m).powi(2)).sum::<f64>();
+    product / (squares(a, ma) * squares(b, mb)).sqrt()
+}
+
+/// Largest distance between the distribution of a sample and `cumulative` (Kolmogorov and Smirnov), times the root of its
+/// size; above 1.628 in one of a hundred samples.
+pub fn kolmogorov_smirnov(mut sample: Vec<f64>, cumulative: impl Fn(f64) -> f64) -> f64 {
+    sample.sort_by(f64::total_cmp);
+    let n = sample.len() as f64;
+    let distance = sample
+        .iter()
+        .enumerate()
+        .map(|(at, &x)| {
+            let expected = cumulative(x);
+            (expected - at as f64 / n)
+                .abs()
+                .max(((at + 1) as f64 / n - expected).abs())
+        })
+        .fold(0.0, f64::max);
+    distance * n.sqrt()
+}
+
+/// Slope of ln(error) over ln(step) by least squares: the order of convergence.
+pub fn order(steps: &[f64], errors: &[f64]) -> f64 {
+    let x: Vec<f64> = steps.iter().map(|step| step.ln()).collect();
+    let y: Vec<f64> = errors.iter().map(|error| error.ln()).collect();
+    let (mx, my) = (mean(&x), mean(&y));
+    let above: f64 = x.iter().zip(&y).map(|(a, b)| (a - mx) * (b - my)).sum();
+    above / x.iter().map(|a| (a - mx).powi(2)).sum::<f64>()
+}
+
+/// Full width at half maximum of a correlation that starts at 1 at distance 0, from its values at whole steps.
+pub fn full_width(correlations: &[f64], step: f64) -> f64 {
+    let after = correlations
+        .iter()
+        .position(|&c| c < 0.5)
+        .expect("a correlation that falls below one half");
+    let (high, low) = (correlations[after - 1], correlations[after]);
+    2.0 * step * (after as f64 - 1.0 + (high - 0.5) / (high - low))
+}
+
+/// Where a correlation peaks between whole lags: the vertex of a parabola through the logarithms of the largest value and
+/// its neighbours, which is exact for a Gaussian peak. `correlations[i]` is that at lag `first + i`.
+pub fn peak(correlations: &[f64], first: i64) -> f64 {
+    let best = (1..correlations.len() - 1)
+        .max_by(|&a, &b| correlations[a].total_cmp(&correlations[b]))
+        .expect("three lags at least");
+    let [before, at, after] = [best - 1, best, best + 1].map(|lag| correlations[lag].max(1e-9).ln());
+    (first + best as i64) as f64 + 0.5 * (before - after) / (before - 2.0 * at + after)
+}
