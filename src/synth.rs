@@ -9,6 +9,7 @@ pub mod tables;
 use nalgebra::{Matrix4, Point3};
 
 use crate::effects::OutOfRange;
+use crate::effects::pass::Resource;
 use crate::gpu::GpuError;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
@@ -202,9 +203,9 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt. On an
-    /// error the synthesizer stays as it was.
-    pub fn set(&mut self, settings: Settings) -> Result<(), SynthError> {
+    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
+    /// what was is returned. On an error the synthesizer stays as it was.
+    pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
         let changed = self.tables.set(settings)?;
         self.plan = Plan::new(&self.tables);
         match &mut self.executor {
@@ -218,7 +219,7 @@ impl Synthesizer {
             self.frame.pixels = vec![0; width * height];
         }
         self.frame.pixel_mm = self.tables.image_grid.pixel_mm();
-        Ok(())
+        Ok(changed)
     }
 
     /// The settings in force.
@@ -321,6 +322,14 @@ impl Synthesizer {
                     == 1;
                 gpu.beam(flipped, &self.tables)
             }
+        }
+    }
+
+    /// Names of the passes compiled for the GPU, each once; none on a CPU backend.
+    pub fn pipelines(&self) -> Vec<&'static str> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.pipelines().collect(),
+            _ => Vec::new(),
         }
     }
 

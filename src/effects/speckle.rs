@@ -495,7 +495,7 @@ fn centred<T: Real>(word: u32) -> T {
 #[inline(always)]
 fn floor<T: Real>(x: T) -> i32 {
     let cut = x.truncate();
-    cut - i32::from(x < T::from_signed(cut))
+    cut.wrapping_sub(i32::from(x < T::from_signed(cut)))
 }
 
 fn axial<T: Real>(view: &View, store: &mut Store<T>) {

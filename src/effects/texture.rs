@@ -132,12 +132,19 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .zip(store.position.par_chunks(samples))
         .zip(store.label.par_chunks(samples))
         .for_each(|((amplitudes, positions), labels)| {
-            for ((amplitude, position), &label) in amplitudes.iter_mut().zip(positions).zip(labels) {
-                let entry = texture[usize::from(label)];
+            let mut start = 0;
+            for run in labels.chunk_by(|a, b| texture[usize::from(*a)] == texture[usize::from(*b)]) {
+                let end = start + run.len();
+                let entry = texture[usize::from(run[0])];
                 if entry > 0 {
-                    let value = atlas.sample(entry as usize - 1, [position[0], position[1], position[2]]);
-                    *amplitude *= T::one() + strength * (value - T::one());
+                    atlas.apply(
+                        entry as usize - 1,
+                        strength,
+                        &positions[start..end],
+                        &mut amplitudes[start..end],
+                    );
                 }
+                start = end;
             }
         });
 }

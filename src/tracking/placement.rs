@@ -184,7 +184,9 @@ impl Search<'_> {
                     Some(plane) => vec![plane],
                     None => vec![ScanPlane::Transverse, ScanPlane::Sagittal],
                 };
-                planes.into_iter().filter_map(|plane| self.candidate(aim, outward, plane))
+                planes
+                    .into_iter()
+                    .filter_map(|plane| self.candidate(aim, outward, plane))
             })
             .collect::<Vec<_>>()
             .into_iter()

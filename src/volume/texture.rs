@@ -3,6 +3,7 @@
 //! A texture's mean square is 1, so that a tissue's echogenicity states its mean echo power whatever its texture.
 
 mod atlas;
+mod run;
 mod seam;
 
 pub use atlas::{Atlas, AtlasEntry, AtlasFull, Placement};
@@ -139,48 +140,63 @@ fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(
     Ok(())
 }
 
-/// Periodic trilinear look-up at a fractional voxel index: eight loads and seven mixes, in the order of the shader's
-/// `sample_texture`.
+/// Periodic trilinear look-up at a fractional voxel index.
 #[inline]
 fn trilinear<T: Real>(data: &[f32], size: [u32; 3], index: [T; 3]) -> T {
-    let mut near = [0usize; 3];
-    let mut far = [0usize; 3];
-    let mut share = [T::zero(); 3];
+    let mut at = Corners::default();
     for axis in 0..3 {
-        let length = size[axis] as i32;
-        let cut = index[axis].truncate();
-        let floor = cut - i32::from(index[axis] < T::from_signed(cut));
-        share[axis] = index[axis] - T::from_signed(floor);
-        let wrapped = wrap(floor, length);
-        near[axis] = wrapped as usize;
-        far[axis] = if wrapped + 1 == length { 0 } else { near[axis] + 1 };
+        at.place(axis, index[axis], size[axis]);
     }
-    let (nx, ny) = (size[0] as usize, size[1] as usize);
-    let at = |i: usize, j: usize, k: usize| T::of(f64::from(data[i + nx * (j + ny * k)]));
-    let mix = |a: T, b: T, t: T| a + t * (b - a);
-    let edge = |j: usize, k: usize| mix(at(near[0], j, k), at(far[0], j, k), share[0]);
-    let lower = mix(edge(near[1], near[2]), edge(far[1], near[2]), share[1]);
-    let upper = mix(edge(near[1], far[2]), edge(far[1], far[2]), share[1]);
-    mix(lower, upper, share[2])
+    at.mix(data, size)
 }
 
-/// The remainder of a division, never negative. A float quotient, at most one off, is several times faster than an integer
-/// division.
-#[inline]
-fn wrap(index: i32, length: i32) -> i32 {
+/// The eight voxels around a fractional index, and its place among them.
+#[derive(Clone, Copy, Default)]
+struct Corners<T> {
+    near: [u32; 3],
+    far: [u32; 3],
+    share: [T; 3],
+}
+
+impl<T: Real> Corners<T> {
+    #[inline(always)]
+    fn place(&mut self, axis: usize, index: T, length: u32) {
+        let cut = index.truncate();
+        let floor = cut.wrapping_sub(i32::from(index < T::from_signed(cut)));
+        self.share[axis] = index - T::from_signed(floor);
+        self.near[axis] = wrap(floor, length as i32);
+        let next = self.near[axis] + 1;
+        self.far[axis] = if next == length { 0 } else { next };
+    }
+
+    /// Eight loads and seven mixes, in the order of the shader's `sample_texture`.
+    #[inline(always)]
+    fn mix(&self, data: &[f32], size: [u32; 3]) -> T {
+        let Self { near, far, share } = self;
+        let (row, slab) = (size[0], size[0] * size[1]);
+        let at = |i: u32, j: u32, k: u32| T::of(f64::from(data[(i + row * j + slab * k) as usize]));
+        let mix = |a: T, b: T, t: T| a + t * (b - a);
+        let edge = |j: u32, k: u32| mix(at(near[0], j, k), at(far[0], j, k), share[0]);
+        let lower = mix(edge(near[1], near[2]), edge(far[1], near[2]), share[1]);
+        let upper = mix(edge(near[1], far[2]), edge(far[1], far[2]), share[1]);
+        mix(lower, upper, share[2])
+    }
+}
+
+/// The remainder of a division, never negative. A float quotient, at most one off below 2^22 or so, is several times faster
+/// than an integer division, and runs in vector registers.
+#[inline(always)]
+fn wrap(index: i32, length: i32) -> u32 {
     let quotient = (index as f32 / length as f32) as i32;
     let rest = index.wrapping_sub(quotient.wrapping_mul(length));
-    if !(-length..2 * length).contains(&rest) {
-        // Far beyond any volume the quotient has too few digits.
-        return index.rem_euclid(length);
-    }
-    if rest < 0 {
-        rest + length
-    } else if rest >= length {
-        rest - length
+    let rest = if rest < 0 { rest.wrapping_add(length) } else { rest };
+    let rest = if rest >= length {
+        rest.wrapping_sub(length)
     } else {
         rest
-    }
+    };
+    // Beyond, any voxel is as good as another, so long as it is one.
+    (rest as u32).min(length as u32 - 1)
 }
 
 #[cfg(test)]

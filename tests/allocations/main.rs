@@ -45,12 +45,25 @@ const FRAMES: usize = 100;
 fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
     let tissues = [
         SILENT,
-        Acoustics { attenuation_db_cm_mhz: 0.6, texture: Some("liver"), ..PLAIN },
-        Acoustics { echo_db: 8.0, occlusion_per_mm: 0.1, impedance_mrayl: 2.0, ..PLAIN },
+        Acoustics {
+            attenuation_db_cm_mhz: 0.6,
+            texture: Some("liver"),
+            ..PLAIN
+        },
+        Acoustics {
+            echo_db: 8.0,
+            occlusion_per_mm: 0.1,
+            impedance_mrayl: 2.0,
+            ..PLAIN
+        },
     ];
     let anatomy = anatomy::random(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), &tissues, 5);
     let anatomy = anatomy::with_mesh(anatomy, [[-14.0, 4.0, -14.0], [14.0, 36.0, 14.0]], 400);
-    let effects = Effects { thickness: Some(Default::default()), noise: Some(Default::default()), ..Effects::usual() };
+    let effects = Effects {
+        thickness: Some(Default::default()),
+        noise: Some(Default::default()),
+        ..Effects::usual()
+    };
     let mut settings = scene::settings(scene::small_probe(), effects);
     settings.has_needle = true;
     let mesh = anatomy.mesh.clone().expect("a mesh");
@@ -69,7 +82,10 @@ fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
             state.nodes = Some(nodes);
             state.frame = frame as u64;
             let shaft = [[-15.0, 4.0, 0.0], [-4.0, 14.0 + 0.1 * share, 0.3], [3.0, 24.0, 0.9]];
-            state.needle = Some(NeedleShaft { nodes: shaft.map(Into::into).to_vec(), diameter_mm: 1.2 });
+            state.needle = Some(NeedleShaft {
+                nodes: shaft.map(Into::into).to_vec(),
+                diameter_mm: 1.2,
+            });
             state
         })
         .collect();
@@ -107,7 +123,10 @@ fn a_hundred_frames_allocate_nothing() {
         // back. A frame has at most 32 loops; no byte is kept beyond two blocks.
         run();
         let (calls, held) = count(&mut run);
-        println!("{}: {calls} allocations in {FRAMES} frames by the queue of the pool", synthesizer.backend());
+        println!(
+            "{}: {calls} allocations in {FRAMES} frames by the queue of the pool",
+            synthesizer.backend()
+        );
         assert!(calls <= (FRAMES as u64 * 32).div_ceil(63), "{calls} allocations");
         assert!(held.abs() <= 4096, "{held} bytes more are held");
     }

@@ -62,13 +62,26 @@ fn the_plan_names_no_gpu() {
 fn the_gpu_layer_knows_no_ultrasound() {
     assert_free(
         "gpu",
-        &["effects", "synth", "plan", "tissue", "tracking", "volume", "mechanics", "scanline", "scanlines", "needle", "speckle"],
+        &[
+            "effects",
+            "synth",
+            "plan",
+            "tissue",
+            "tracking",
+            "volume",
+            "mechanics",
+            "scanline",
+            "scanlines",
+            "speckle",
+        ],
     );
 }
 
 #[test]
 fn only_the_gpu_layer_and_the_synthesizer_name_wgpu() {
-    for module in ["effects", "volume", "tissue", "tracking", "phantom", "output", "scene", "random", "real"] {
+    for module in [
+        "effects", "volume", "tissue", "tracking", "phantom", "output", "scene", "random", "real",
+    ] {
         assert_free(module, &["wgpu"]);
     }
 }
@@ -84,19 +97,33 @@ fn every_effect_has_its_source_its_shader_and_its_parity_test() {
             assert!(root().join(&file).is_file(), "effect `{}` lacks {file}", effect.name);
         }
         let parity = std::fs::read_to_string(root().join("tests/parity/main.rs")).expect("the parity tests");
-        assert!(parity.contains(&format!("\nmod {};", effect.name)), "tests/parity/main.rs leaves out {}", effect.name);
+        assert!(
+            parity.contains(&format!("\nmod {};", effect.name)),
+            "tests/parity/main.rs leaves out {}",
+            effect.name
+        );
         let tests = std::fs::read_to_string(root().join(format!("tests/parity/{}.rs", effect.name))).expect("a test");
-        assert!(tests.contains("#[test]"), "tests/parity/{}.rs holds no test", effect.name);
+        assert!(
+            tests.contains("#[test]"),
+            "tests/parity/{}.rs holds no test",
+            effect.name
+        );
     }
 }
 
 #[test]
 fn every_shader_belongs_to_an_effect_or_is_shared() {
-    for entry in std::fs::read_dir(root().join("shaders")).expect("the shaders").flatten() {
+    for entry in std::fs::read_dir(root().join("shaders"))
+        .expect("the shaders")
+        .flatten()
+    {
         let path = entry.path();
         if path.is_file() {
             let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
-            assert!(REGISTRY.iter().any(|effect| effect.name == stem), "no effect is called {stem}");
+            assert!(
+                REGISTRY.iter().any(|effect| effect.name == stem),
+                "no effect is called {stem}"
+            );
         }
     }
 }

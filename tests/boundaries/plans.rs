@@ -23,16 +23,25 @@ pub struct Scene {
 /// Every frame: where its samples lie, their labels, grey levels, pixels, bytes.
 const ALWAYS: &[&str] = &["geometry", "slice", "tone", "scan_conversion", "quantise"];
 
-const ALWAYS_BOUND: &[Resource] = &[Rays, Position, Voxels, LabelRows, Label, Amplitude, Gain, ScanMap, Image, Pixels];
+const ALWAYS_BOUND: &[Resource] = &[
+    Rays, Position, Voxels, LabelRows, Label, Amplitude, Gain, ScanMap, Image, Pixels,
+];
 
 const SPECKLE: &[Resource] = &[Scatter, ScatterAxial, AxialKernel, LateralKernel];
 
 fn lossy() -> Acoustics {
-    Acoustics { attenuation_db_cm_mhz: 0.5, texture: Some("liver"), ..PLAIN }
+    Acoustics {
+        attenuation_db_cm_mhz: 0.5,
+        texture: Some("liver"),
+        ..PLAIN
+    }
 }
 
 fn lossless() -> Acoustics {
-    Acoustics { texture: Some("liver"), ..PLAIN }
+    Acoustics {
+        texture: Some("liver"),
+        ..PLAIN
+    }
 }
 
 fn box_of(tissue: Acoustics) -> Anatomy {
@@ -48,7 +57,13 @@ fn scene(
 ) -> Scene {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     edit(&mut settings);
-    Scene { name, anatomy, settings, passes, resources }
+    Scene {
+        name,
+        anatomy,
+        settings,
+        passes,
+        resources,
+    }
 }
 
 /// All effects, on deforming, attenuating, textured tissue with a needle.
@@ -225,8 +240,20 @@ pub fn scenes() -> Vec<Scene> {
             &["thickness"],
             &[],
         ),
-        scene("noise", box_of(lossy()), |s| s.effects.noise = Some(Default::default()), &["noise"], &[]),
-        scene("tone", box_of(lossy()), |s| s.effects.tone = Some(Default::default()), &[], &[]),
+        scene(
+            "noise",
+            box_of(lossy()),
+            |s| s.effects.noise = Some(Default::default()),
+            &["noise"],
+            &[],
+        ),
+        scene(
+            "tone",
+            box_of(lossy()),
+            |s| s.effects.tone = Some(Default::default()),
+            &[],
+            &[],
+        ),
         everything(),
     ]
 }
@@ -251,7 +278,10 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "noise",
         "quantise",
     ];
-    ORDER.into_iter().filter(|name| ALWAYS.contains(name) || scene.passes.contains(name)).collect()
+    ORDER
+        .into_iter()
+        .filter(|name| ALWAYS.contains(name) || scene.passes.contains(name))
+        .collect()
 }
 
 fn expected_resources(scene: &Scene) -> Vec<Resource> {
@@ -270,7 +300,12 @@ fn plans_list_the_passes_called_for_and_no_other() {
         assert_eq!(resources, expected_resources(&scene), "{}", scene.name);
         // Every effect either runs or is left out, and says why.
         let effects: std::collections::BTreeSet<&str> = plan.passes.iter().map(|planned| planned.effect).collect();
-        assert_eq!(effects.len() + plan.without.len(), insonify::effects::REGISTRY.len(), "{}", scene.name);
+        assert_eq!(
+            effects.len() + plan.without.len(),
+            insonify::effects::REGISTRY.len(),
+            "{}",
+            scene.name
+        );
         for omitted in &plan.without {
             assert!(!effects.contains(omitted.name), "{}: {}", scene.name, omitted.name);
             assert!(!omitted.reason.is_empty());
@@ -284,8 +319,15 @@ fn reports_add_up() {
     for scene in scenes() {
         let plan = Plan::new(&tables(&scene));
         let report = plan.report();
-        assert_eq!(report.bytes, report.resources.iter().map(|resource| resource.bytes).sum::<u64>());
-        assert!(report.resources.iter().all(|resource| resource.bytes > 0), "{}: {report}", scene.name);
+        assert_eq!(
+            report.bytes,
+            report.resources.iter().map(|resource| resource.bytes).sum::<u64>()
+        );
+        assert!(
+            report.resources.iter().all(|resource| resource.bytes > 0),
+            "{}: {report}",
+            scene.name
+        );
         let text = report.to_string();
         for pass in &report.passes {
             assert!(text.contains(pass.name), "{text}");
@@ -297,10 +339,12 @@ fn reports_add_up() {
 
 #[test]
 fn pipelines_and_buffers_are_those_of_the_plan() {
-    let Some(gpu) = gpu_or_skip("pipelines of plans") else { return };
+    let Some(gpu) = gpu_or_skip("pipelines of plans") else {
+        return;
+    };
     for scene in scenes() {
-        let synthesizer =
-            Synthesizer::new(scene.anatomy.clone(), scene.settings.clone(), backend(gpu.clone())).expect("a synthesizer");
+        let synthesizer = Synthesizer::new(scene.anatomy.clone(), scene.settings.clone(), backend(gpu.clone()))
+            .expect("a synthesizer");
         let mut found = synthesizer.pipelines();
         found.sort_unstable();
         let mut expected = expected_passes(&scene);
@@ -332,7 +376,11 @@ fn effects_taken_away_take_their_pipelines_and_memory_along() {
             synthesizer.set(settings.clone()).expect("fewer effects");
             // Textures and kernels are tables: on the CPU they are no working memory.
             if on_gpu || !["texture"].contains(&name) {
-                assert!(synthesizer.memory_bytes() < bytes, "{}: {name} leaves its memory", synthesizer.backend());
+                assert!(
+                    synthesizer.memory_bytes() < bytes,
+                    "{}: {name} leaves its memory",
+                    synthesizer.backend()
+                );
             }
             if on_gpu {
                 assert!(synthesizer.pipelines().len() < pipelines, "{name} leaves its pipeline");
@@ -348,9 +396,20 @@ fn bands_cover_every_row_once_and_fit_the_limit() {
     let tables = tables(&scene);
     let plan = Plan::new(&tables);
     let row = tables.bytes(ScanMap) / 77;
-    let largest = [ScanMap, Image, Pixels].map(|resource| tables.bytes(resource) / 77).into_iter().max().expect("three");
+    let largest = [ScanMap, Image, Pixels]
+        .map(|resource| tables.bytes(resource) / 77)
+        .into_iter()
+        .max()
+        .expect("three");
     assert_eq!(largest, row, "the scan map is the largest");
-    for (limit, bands) in [(u64::MAX, 1), (row * 77, 1), (row * 77 - 1, 2), (row * 10, 8), (row, 77), (1, 77)] {
+    for (limit, bands) in [
+        (u64::MAX, 1),
+        (row * 77, 1),
+        (row * 77 - 1, 2),
+        (row * 10, 8),
+        (row, 77),
+        (1, 77),
+    ] {
         let found = plan.bands(&tables, limit);
         assert_eq!(found.len(), bands, "{limit} bytes a binding");
         let mut next = 0;

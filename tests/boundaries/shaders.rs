@@ -47,7 +47,11 @@ fn entry(pass: &Pass, module: &Module) -> usize {
 #[test]
 fn every_variant_of_every_pass_is_covered() {
     let names: Vec<_> = passes().iter().map(|pass| (pass.name, pass.entry)).collect();
-    for expected in [("shadow", "tissue"), ("shadow", "tissue_and_needle"), ("speckle_axial", "axial_pass")] {
+    for expected in [
+        ("shadow", "tissue"),
+        ("shadow", "tissue_and_needle"),
+        ("speckle_axial", "axial_pass"),
+    ] {
         assert!(names.contains(&expected), "{expected:?} is not among {names:?}");
     }
     assert!(names.len() >= REGISTRY.len() + 3);
@@ -60,10 +64,17 @@ fn bindings_are_those_declared() {
         let own = info.get_entry_point(entry(pass, &module));
         let mut used: BTreeMap<u32, (AddressSpace, GlobalUse)> = BTreeMap::new();
         for (handle, variable) in module.global_variables.iter() {
-            let Some(binding) = variable.binding.filter(|_| !own[handle].is_empty()) else { continue };
+            let Some(binding) = variable.binding.filter(|_| !own[handle].is_empty()) else {
+                continue;
+            };
             assert_eq!(binding.group, 0, "{}: {:?}", pass.name, variable.name);
             let twice = used.insert(binding.binding, (variable.space, own[handle]));
-            assert!(twice.is_none(), "{}: binding {} is used twice", pass.name, binding.binding);
+            assert!(
+                twice.is_none(),
+                "{}: binding {} is used twice",
+                pass.name,
+                binding.binding
+            );
         }
         let numbers: Vec<u32> = used.keys().copied().collect();
         let declared: Vec<u32> = (0..=pass.bindings.len() as u32).collect();
@@ -77,7 +88,11 @@ fn bindings_are_those_declared() {
                 Access::Write => StorageAccess::LOAD | StorageAccess::STORE,
             };
             assert_eq!(space, AddressSpace::Storage { access: expected }, "{place}");
-            assert_eq!(usage.contains(GlobalUse::WRITE), access == Access::Write, "{place}: written or not");
+            assert_eq!(
+                usage.contains(GlobalUse::WRITE),
+                access == Access::Write,
+                "{place}: written or not"
+            );
         }
     }
 }
@@ -86,7 +101,11 @@ fn bindings_are_those_declared() {
 fn no_resource_is_bound_twice_to_a_pass() {
     for pass in passes() {
         for (at, (resource, _)) in pass.bindings.iter().enumerate() {
-            assert!(pass.bindings[..at].iter().all(|(other, _)| other != resource), "{}: {resource:?}", pass.name);
+            assert!(
+                pass.bindings[..at].iter().all(|(other, _)| other != resource),
+                "{}: {resource:?}",
+                pass.name
+            );
         }
     }
 }
@@ -96,7 +115,10 @@ fn workgroups_cover_the_work_and_no_more() {
     let mut checked = 0;
     for scene in scenes() {
         let tables = tables(&scene);
-        let band = Band { first_row: 0, rows: tables.height() as u32 };
+        let band = Band {
+            first_row: 0,
+            rows: tables.height() as u32,
+        };
         for effect in REGISTRY.iter().filter(|effect| (effect.wanted)(&tables).is_ok()) {
             for pass in (effect.passes)(&tables) {
                 let (module, _) = parse(pass);
@@ -104,10 +126,16 @@ fn workgroups_cover_the_work_and_no_more() {
                 assert_eq!((one, also_one), (1, 1), "{}", pass.name);
                 let [x, y, z] = (pass.workgroups)(&tables, band);
                 let work = work(pass, &tables);
-                let place = format!("{} of {}: {x} x {y} x {z} groups of {size} for {work:?}", pass.name, scene.name);
+                let place = format!(
+                    "{} of {}: {x} x {y} x {z} groups of {size} for {work:?}",
+                    pass.name, scene.name
+                );
                 assert_eq!((u64::from(y), u64::from(z)), (work[1], work[2]), "{place}");
                 let invocations = u64::from(x) * u64::from(size);
-                assert!(invocations >= work[0] && invocations < work[0] + u64::from(size), "{place}");
+                assert!(
+                    invocations >= work[0] && invocations < work[0] + u64::from(size),
+                    "{place}"
+                );
                 assert!([x, y, z].iter().all(|&groups| groups <= 65_535), "{place}");
                 checked += 1;
             }
@@ -123,9 +151,11 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "geometry" | "slice" | "texture" => [samples, lines, planes],
         "warp" => [lines * samples * planes, 1, 1],
         "thickness" => [lines * samples, 1, 1],
-        "speckle_scatter" | "speckle_axial" => {
-            [samples, tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64, 1]
-        }
+        "speckle_scatter" | "speckle_axial" => [
+            samples,
+            tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
+            1,
+        ],
         "speckle_lateral" | "interface" | "needle" | "blur" | "tone" => [samples, lines, 1],
         // One group a scanline, however many samples.
         "shadow" => [256, lines, 1],
@@ -144,7 +174,11 @@ fn a_large_grid_unfolds_over_two_dimensions() {
     for effect in REGISTRY {
         for pass in (effect.passes)(&tables) {
             let groups = (pass.workgroups)(&tables, band);
-            assert!(groups.iter().all(|&n| (1..=65_535).contains(&n)), "{}: {groups:?}", pass.name);
+            assert!(
+                groups.iter().all(|&n| (1..=65_535).contains(&n)),
+                "{}: {groups:?}",
+                pass.name
+            );
             if pass.name == "warp" || pass.name == "thickness" {
                 let planes = if pass.name == "warp" { tables.planes() as u64 } else { 1 };
                 let covered = u64::from(groups[0]) * u64::from(groups[1]) * 64;
@@ -186,7 +220,9 @@ fn rows_of_tables_have_the_layout_of_their_structs() {
     for pass in passes() {
         let (module, _) = parse(pass);
         for (name, size, members) in expected {
-            let Some((layout, span)) = layout(&module, name) else { continue };
+            let Some((layout, span)) = layout(&module, name) else {
+                continue;
+            };
             assert_eq!(span, size, "{}: {name}", pass.name);
             for (member, offset) in members {
                 assert_eq!(layout.get(*member), Some(offset), "{}: {name}.{member}", pass.name);
@@ -200,8 +236,13 @@ fn rows_of_tables_have_the_layout_of_their_structs() {
 /// Offsets of the members of a struct of a shader, and its size.
 pub fn layout(module: &Module, name: &str) -> Option<(BTreeMap<String, usize>, usize)> {
     let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name))?;
-    let TypeInner::Struct { members, span } = &ty.inner else { return None };
-    let offsets = members.iter().filter_map(|member| Some((member.name.clone()?, member.offset as usize))).collect();
+    let TypeInner::Struct { members, span } = &ty.inner else {
+        return None;
+    };
+    let offsets = members
+        .iter()
+        .filter_map(|member| Some((member.name.clone()?, member.offset as usize)))
+        .collect();
     Some((offsets, *span as usize))
 }
 
@@ -214,6 +255,9 @@ pub fn uniform(module: &Module) -> (BTreeMap<String, usize>, usize) {
         .expect("a uniform block");
     let name = module.types[variable.ty].name.as_deref().expect("a named struct");
     let (members, span) = layout(module, name).expect("a struct");
-    assert!(span as u64 <= SLOT_BYTES, "{name} takes {span} bytes, a slot holds {SLOT_BYTES}");
+    assert!(
+        span as u64 <= SLOT_BYTES,
+        "{name} takes {span} bytes, a slot holds {SLOT_BYTES}"
+    );
     (members, span)
 }

@@ -3,7 +3,8 @@
 use std::mem::offset_of;
 
 use insonify::effects::{
-    blur, geometry, interface, needle, noise, quantise, scan_conversion, shadow, slice, speckle, texture, thickness, tone,
+    blur, geometry, interface, needle, noise, quantise, scan_conversion, shadow, slice, speckle, texture, thickness,
+    tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 
@@ -28,8 +29,18 @@ macro_rules! block {
 
 fn blocks() -> Vec<Block> {
     vec![
-        block!("geometry", geometry::Params, probe_to_world, lines, samples, sample_mm, plane_mm),
-        block!("warp", WarpParams, lines, samples, planes, elements, carries_at, tangled, deformed, reference),
+        block!(
+            "geometry",
+            geometry::Params,
+            probe_to_world,
+            lines,
+            samples,
+            sample_mm,
+            plane_mm
+        ),
+        block!(
+            "warp", WarpParams, lines, samples, planes, elements, carries_at, tangled, deformed, reference
+        ),
         block!("slice", slice::Params, world_to_index, size, vote, lines, samples),
         block!("texture", texture::Params, lines, samples, strength),
         block!("thickness", thickness::Params, weights, count, planes, stride),
@@ -48,7 +59,15 @@ fn blocks() -> Vec<Block> {
             axial_reach,
             lateral_reach
         ),
-        block!("interface", interface::Params, lines, samples, sample_mm, mirror, directivity),
+        block!(
+            "interface",
+            interface::Params,
+            lines,
+            samples,
+            sample_mm,
+            mirror,
+            directivity
+        ),
         block!(
             "needle",
             needle::Params,
@@ -84,7 +103,11 @@ fn uniform_blocks_have_the_layout_of_their_structs() {
             assert_eq!(members.remove(name), Some(offset), "{}: offset of {name}", pass.name);
         }
         members.retain(|name, _| !name.starts_with("unused"));
-        assert!(members.is_empty(), "{}: members of the shader that Rust does not fill: {members:?}", pass.name);
+        assert!(
+            members.is_empty(),
+            "{}: members of the shader that Rust does not fill: {members:?}",
+            pass.name
+        );
     }
 }
 
@@ -94,7 +117,9 @@ fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
     let (module, _) = parse(pass);
     let (members, span) = layout(&module, "Grid").expect("the grid");
     assert_eq!(span, size_of::<GridParams>());
-    let grid = block!("warp", GridParams, origin, per_mm, low, starts_at, high, lists_at, cells, frames_at);
+    let grid = block!(
+        "warp", GridParams, origin, per_mm, low, starts_at, high, lists_at, cells, frames_at
+    );
     assert_eq!(members.len(), grid.members.len());
     for (name, offset) in grid.members {
         assert_eq!(members.get(name), Some(&offset), "{name}");

@@ -16,6 +16,7 @@ struct Watched;
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
 
 // SAFETY: every call goes unchanged to the system allocator.
+#[allow(unsafe_code, reason = "an allocator cannot be watched without implementing one")]
 unsafe impl std::alloc::GlobalAlloc for Watched {
     unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
         LARGEST.fetch_max(layout.size(), Ordering::Relaxed);

@@ -10,15 +10,20 @@ use crate::{beam_after, precisions};
 
 fn settings(shape: ProbeShape, lines: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(shape, 40.0, lines, 80), scene::bare());
-    settings.effects.blur = Some(Blur { width_mm: 3.0, growth_mm_cm: 0.8 });
+    settings.effects.blur = Some(Blur {
+        width_mm: 3.0,
+        growth_mm_cm: 0.8,
+    });
     settings
 }
 
 /// One bright voxel of 1 mm, over three millimetres of depth, at the middle scanline.
 fn bright_spot() -> Anatomy {
-    anatomy::of(Frame::around([0.0, 20.0, 0.0], [61, 41, 5], 1.0), &[SILENT, SILENT, PLAIN], |p| {
-        1 + u8::from(p[0].abs() < 0.1 && (p[1] - 24.0).abs() < 1.1)
-    })
+    anatomy::of(
+        Frame::around([0.0, 20.0, 0.0], [61, 41, 5], 1.0),
+        &[SILENT, SILENT, PLAIN],
+        |p| 1 + u8::from(p[0].abs() < 0.1 && (p[1] - 24.0).abs() < 1.1),
+    )
 }
 
 #[test]
@@ -31,7 +36,10 @@ fn the_impulse_response_is_the_kernel() {
             let depth = (sample as f64 + 0.5) * 0.5;
             // Silence is not nothing: -200 dB.
             if (depth - 24.0).abs() > 1.6 {
-                assert!((0..61).all(|line| value(line, sample) < 1e-9), "{name}: depth {depth} is touched");
+                assert!(
+                    (0..61).all(|line| value(line, sample) < 1e-9),
+                    "{name}: depth {depth} is touched"
+                );
                 continue;
             }
             let sigma = (3.0 + 0.8 * depth / 10.0) / 2.354_820_045_030_949_3;
@@ -43,12 +51,18 @@ fn the_impulse_response_is_the_kernel() {
                 // The kernel ends at three standard deviations of the widest depth.
                 let expected = (-away * away / (2.0 * sigma * sigma)).exp() / (sigma * std::f64::consts::TAU.sqrt());
                 let found = value(line, sample);
-                assert!((found - expected).abs() < 2e-3, "{name}: {found} {away} mm aside at {depth} mm, not {expected}");
+                assert!(
+                    (found - expected).abs() < 2e-3,
+                    "{name}: {found} {away} mm aside at {depth} mm, not {expected}"
+                );
             }
             assert!((sum - 1.0).abs() < 1e-6, "{name}: the kernel sums to {sum}");
             let width = 2.354_820_045_030_949_3 * square.sqrt();
             let asked = 3.0 + 0.8 * depth / 10.0;
-            assert!((width / asked - 1.0).abs() < 0.02, "{name}: {width} mm wide at {depth} mm, not {asked}");
+            assert!(
+                (width / asked - 1.0).abs() < 0.02,
+                "{name}: {width} mm wide at {depth} mm, not {asked}"
+            );
         }
     }
 }
@@ -61,7 +75,10 @@ fn a_constant_stays_constant_up_to_the_edges() {
             for (name, backend) in precisions() {
                 let beam = beam_after(&anatomy::uniform(PLAIN), &settings, backend, "blur", &scene::straight());
                 for (index, value) in beam.amplitude.iter().enumerate() {
-                    assert!((value - 1.0).abs() < 1e-5, "{name}, {kind}, {lines} lines: {value} at {index}");
+                    assert!(
+                        (value - 1.0).abs() < 1e-5,
+                        "{name}, {kind}, {lines} lines: {value} at {index}"
+                    );
                 }
             }
         }

@@ -15,21 +15,34 @@ type Edit = (&'static str, fn(&mut Settings));
 
 /// Edits of a user at the console, each on top of those before.
 const EDITS: &[Edit] = &[
-    ("gain", |settings| settings.effects.tone = Some(Tone { gain_db: 4.0, ..Tone::default() })),
+    ("gain", |settings| {
+        settings.effects.tone = Some(Tone {
+            gain_db: 4.0,
+            ..Tone::default()
+        })
+    }),
     ("depth", |settings| settings.probe.depth_mm = 31.0),
-    ("focus", |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(9.0)),
+    ("focus", |settings| {
+        settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(9.0)
+    }),
     ("no blur", |settings| settings.effects.blur = None),
-    ("size", |settings| (settings.image.width, settings.image.height) = (90, 33)),
+    ("size", |settings| {
+        (settings.image.width, settings.image.height) = (90, 33)
+    }),
     ("no needle", |settings| settings.has_needle = false),
     ("thin", |settings| settings.effects.thickness = None),
     ("fewer lines", |settings| settings.probe.lines = 17),
-    ("blur again", |settings| settings.effects.blur = Some(Default::default())),
+    ("blur again", |settings| {
+        settings.effects.blur = Some(Default::default())
+    }),
     ("no speckle", |settings| settings.effects.speckle = None),
     ("seed", |settings| settings.seed = 99),
     ("frequency", |settings| settings.probe.frequency_mhz = 3.0),
     ("needle again", |settings| settings.has_needle = true),
     ("no shadow", |settings| settings.effects.shadow = None),
-    ("nearest", |settings| settings.effects.slice.boundary = Boundary::Nearest),
+    ("nearest", |settings| {
+        settings.effects.slice.boundary = Boundary::Nearest
+    }),
     ("no texture", |settings| settings.effects.texture = None),
     ("one line", |settings| settings.probe.lines = 1),
     ("no tone", |settings| settings.effects.tone = None),
@@ -46,14 +59,22 @@ fn follow(make: impl Fn() -> Backend) {
     edited.render(&frame_of(&anatomy, 2)).expect("a frame");
     for (at, (name, edit)) in EDITS.iter().enumerate() {
         edit(&mut settings);
-        edited.set(settings.clone()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        edited
+            .set(settings.clone())
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
         let state = frame_of(&anatomy, at as u64);
-        let found = edited.render(&state).unwrap_or_else(|error| panic!("{name}: {error}")).clone();
+        let found = edited
+            .render(&state)
+            .unwrap_or_else(|error| panic!("{name}: {error}"))
+            .clone();
         let mut fresh = synthesizer(&anatomy, &settings, make());
         let expected = fresh.render(&state).unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!((found.width, found.height), (expected.width, expected.height), "{name}");
         assert_eq!(found.image_to_world, expected.image_to_world, "{name}");
-        assert!(found.pixels == expected.pixels, "after {name} the frame is not that of a fresh synthesizer");
+        assert!(
+            found.pixels == expected.pixels,
+            "after {name} the frame is not that of a fresh synthesizer"
+        );
         assert_eq!(edited.memory_bytes(), fresh.memory_bytes(), "after {name}");
     }
 }
@@ -66,7 +87,9 @@ fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_cpu() {
 
 #[test]
 fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_gpu() {
-    let Some(gpu): Option<Gpu> = gpu_or_skip("edits on the GPU") else { return };
+    let Some(gpu): Option<Gpu> = gpu_or_skip("edits on the GPU") else {
+        return;
+    };
     follow(|| backend(gpu.clone()));
 }
 
@@ -76,20 +99,53 @@ fn a_change_touches_only_what_depends_on_it() {
     let (anatomy, settings, _) = everything();
     let table: &[(&str, fn(&mut Settings), &[Resource])] = &[
         ("nothing", |_| {}, &[]),
-        ("gain", |settings| settings.effects.tone.as_mut().expect("tone").gain_db = 9.0, &[Gain]),
+        (
+            "gain",
+            |settings| settings.effects.tone.as_mut().expect("tone").gain_db = 9.0,
+            &[Gain],
+        ),
         ("fill", |settings| settings.image.fill = 3, &[]),
         ("size", |settings| settings.image.width = 80, &[ScanMap]),
-        ("focus", |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(5.0), &[AxialKernel, LateralKernel]),
-        ("blur", |settings| settings.effects.blur.as_mut().expect("blur").width_mm = 2.0, &[BlurKernel]),
-        ("mirror", |settings| settings.effects.interface.as_mut().expect("interface").mirror_db = 20.0, &[]),
+        (
+            "focus",
+            |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(5.0),
+            &[AxialKernel, LateralKernel],
+        ),
+        (
+            "blur",
+            |settings| settings.effects.blur.as_mut().expect("blur").width_mm = 2.0,
+            &[BlurKernel],
+        ),
+        (
+            "mirror",
+            |settings| settings.effects.interface.as_mut().expect("interface").mirror_db = 20.0,
+            &[],
+        ),
         ("noise", |settings| settings.effects.noise = None, &[]),
         ("needle", |settings| settings.has_needle = false, &[]),
-        ("boundary", |settings| settings.effects.slice.boundary = Boundary::Nearest, &[]),
-        ("occlusion", |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false, &[Gain, LabelRows]),
+        (
+            "boundary",
+            |settings| settings.effects.slice.boundary = Boundary::Nearest,
+            &[],
+        ),
+        (
+            "occlusion",
+            |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
+            &[Gain, LabelRows],
+        ),
         (
             "depth",
             |settings| settings.probe.depth_mm = 30.0,
-            &[ScanMap, Rays, LineSpacing, AxialKernel, LateralKernel, BlurKernel, Gain, LabelRows],
+            &[
+                ScanMap,
+                Rays,
+                LineSpacing,
+                AxialKernel,
+                LateralKernel,
+                BlurKernel,
+                Gain,
+                LabelRows,
+            ],
         ),
     ];
     for (name, edit, expected) in table {

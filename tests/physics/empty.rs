@@ -12,7 +12,12 @@ use crate::{beam_after, precisions, synthesizer};
 #[test]
 fn a_probe_wholly_outside_the_volume_gives_a_black_frame() {
     for (name, backend) in precisions() {
-        let anatomy = anatomy::ball(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), [0.0, 20.0, 0.0], 9.0, &[SILENT, PLAIN, PLAIN]);
+        let anatomy = anatomy::ball(
+            Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0),
+            [0.0, 20.0, 0.0],
+            9.0,
+            &[SILENT, PLAIN, PLAIN],
+        );
         let mut settings = scene::settings(scene::small_probe(), Effects::usual());
         settings.image.fill = 0;
         let mut synthesizer = synthesizer(&anatomy, &settings, backend);
@@ -34,11 +39,19 @@ fn where_tissue_has_moved_away_there_is_background() {
         200,
     );
     let press = Displacement::Affine {
-        matrix: [[1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 24.5], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+        matrix: [
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, 0.5, 0.0, 24.5],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
     };
     let mut nodes = Vec::new();
     press.displace(anatomy.mesh.as_ref().expect("a mesh").nodes(), &mut nodes);
-    let state = FrameState { nodes: Some(nodes), ..scene::straight() };
+    let state = FrameState {
+        nodes: Some(nodes),
+        ..scene::straight()
+    };
     for (name, backend) in precisions() {
         let settings = scene::settings(scene::probe(scene::SHAPES[0].1, 40.0, 24, 100), scene::bare());
         let beam = beam_after(&anatomy, &settings, backend, "slice", &state);
@@ -60,7 +73,13 @@ fn poses_that_are_no_transforms_are_refused() {
             state.probe_to_world[(0, 3)] = bad;
             assert!(synthesizer.render(&state).is_err(), "{name}: {bad}");
         }
-        assert!(synthesizer.render(&FrameState::at(Matrix4::zeros())).is_err(), "{name}: singular");
-        assert!(synthesizer.render(&scene::straight()).is_ok(), "{name}: a refusal leaves it usable");
+        assert!(
+            synthesizer.render(&FrameState::at(Matrix4::zeros())).is_err(),
+            "{name}: singular"
+        );
+        assert!(
+            synthesizer.render(&scene::straight()).is_ok(),
+            "{name}: a refusal leaves it usable"
+        );
     }
 }

@@ -36,5 +36,7 @@ pub fn synthesizer(anatomy: &Anatomy, settings: &Settings, backend: Backend) -> 
 
 /// What stands in beam space after a pass.
 pub fn beam_after(anatomy: &Anatomy, settings: &Settings, backend: Backend, pass: &str, state: &FrameState) -> Beam {
-    synthesizer(anatomy, settings, backend).render_until(pass, state).expect("a beam")
+    synthesizer(anatomy, settings, backend)
+        .render_until(pass, state)
+        .expect("a beam")
 }

@@ -15,14 +15,20 @@ const DIAMETER_MM: f64 = 1.6;
 fn settings(shape: usize, thickness_mm: Option<f64>) -> Settings {
     let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, 400, 800), scene::bare());
     settings.has_needle = true;
-    settings.effects.needle = Some(NeedleEcho { thickness_mm, ..NeedleEcho::default() });
+    settings.effects.needle = Some(NeedleEcho {
+        thickness_mm,
+        ..NeedleEcho::default()
+    });
     settings
 }
 
 fn with_shaft(nodes: &[[f64; 3]]) -> FrameState {
     let mut state = scene::straight();
     let nodes = nodes.iter().map(|&node| node.into()).collect();
-    state.needle = Some(NeedleShaft { nodes, diameter_mm: DIAMETER_MM });
+    state.needle = Some(NeedleShaft {
+        nodes,
+        diameter_mm: DIAMETER_MM,
+    });
     state
 }
 
@@ -47,11 +53,31 @@ fn the_volume_in_the_plane_is_that_of_the_cylinder() {
     let sine = 24.0 / (36.0f64 + 16.0 + 576.0).sqrt();
     let length = (64.0f64 + 64.0).sqrt();
     let cases: [(&str, &[[f64; 3]], Option<f64>, f64); 5] = [
-        ("in the plane", &[[-4.0, 16.0, 0.0], [4.0, 24.0, 0.0]], None, section * length),
-        ("in a plane thicker than itself", &[[-4.0, 16.0, 0.3], [4.0, 24.0, 0.3]], Some(3.0), section * length),
-        ("across the plane", &[[0.5, 20.0, -9.0], [0.5, 20.0, 9.0]], None, section * DIAMETER_MM),
+        (
+            "in the plane",
+            &[[-4.0, 16.0, 0.0], [4.0, 24.0, 0.0]],
+            None,
+            section * length,
+        ),
+        (
+            "in a plane thicker than itself",
+            &[[-4.0, 16.0, 0.3], [4.0, 24.0, 0.3]],
+            Some(3.0),
+            section * length,
+        ),
+        (
+            "across the plane",
+            &[[0.5, 20.0, -9.0], [0.5, 20.0, 9.0]],
+            None,
+            section * DIAMETER_MM,
+        ),
         ("oblique", &oblique, Some(2.5), section * 2.5 / sine),
-        ("ending in the plane", &[[0.5, 20.0, -9.0], [0.5, 20.0, 0.4]], Some(2.0), section * 1.4),
+        (
+            "ending in the plane",
+            &[[0.5, 20.0, -9.0], [0.5, 20.0, 0.4]],
+            Some(2.0),
+            section * 1.4,
+        ),
     ];
     for shape in 0..SHAPES.len() {
         for (what, shaft, thickness, expected) in cases {
@@ -74,11 +100,19 @@ fn a_bent_shaft_is_the_sum_of_its_pieces_away_from_the_joints() {
     let bent = [[-8.0, 12.0, 0.0], [0.0, 20.0, 0.2], [3.0, 30.0, 1.0]];
     for (name, backend) in precisions() {
         let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings(1, None), backend);
-        let mut beam = |nodes: &[[f64; 3]]| synthesizer.render_until("needle", &with_shaft(nodes)).expect("a beam").needle;
+        let mut beam = |nodes: &[[f64; 3]]| {
+            synthesizer
+                .render_until("needle", &with_shaft(nodes))
+                .expect("a beam")
+                .needle
+        };
         let (whole, first, second) = (beam(&bent), beam(&bent[..2]), beam(&bent[1..]));
         assert!(whole.iter().any(|&share| share > 0.9));
         for ((whole, first), second) in whole.iter().zip(&first).zip(&second) {
-            assert!((whole - (first + second).min(1.0)).abs() < 1e-6, "{name}: {whole} is not {first} + {second}");
+            assert!(
+                (whole - (first + second).min(1.0)).abs() < 1e-6,
+                "{name}: {whole} is not {first} + {second}"
+            );
         }
     }
 }
@@ -98,21 +132,29 @@ fn the_echo_falls_with_the_angle_to_the_beam_and_repeats_below() {
         let mut settings = settings(0, None);
         settings.effects.needle = Some(own.clone());
         // Through (0, 15) at an angle to the array; the beams of a linear probe run along y.
-        let state = with_shaft(&[[-30.0 * cos, 15.0 - 30.0 * sin, 0.0], [30.0 * cos, 15.0 + 30.0 * sin, 0.0]]);
+        let state = with_shaft(&[
+            [-30.0 * cos, 15.0 - 30.0 * sin, 0.0],
+            [30.0 * cos, 15.0 + 30.0 * sin, 0.0],
+        ]);
         let beam = beam_after(&anatomy::uniform(SILENT), &settings, Backend::CpuF64, "needle", &state);
         let line = 200;
         let x = -18.0 + 36.0 * line as f64 / 399.0;
         let depth = 15.0 + x * sin / cos;
         let brightest = |around: f64| {
             let middle = (around / 0.05) as usize;
-            beam.amplitude[line * beam.samples..][middle - 6..middle + 6].iter().fold(0.0f64, |a, &b| a.max(b))
+            beam.amplitude[line * beam.samples..][middle - 6..middle + 6]
+                .iter()
+                .fold(0.0f64, |a, &b| a.max(b))
         };
         let expected = 10.0 * cos.powi(3);
         for (repetition, below) in [0.0, 5.0, 10.0].into_iter().enumerate() {
             let expected = expected * 10f64.powf(-0.3 * repetition as f64);
             // At 70 degrees the repetitions 5 mm apart overlap: the shaft spans 4.7 mm of a scanline.
             let found = brightest(depth + below);
-            assert!((found / expected - 1.0).abs() < 0.01, "{angle} degrees, repetition {repetition}: {found}, not {expected}");
+            assert!(
+                (found / expected - 1.0).abs() < 0.01,
+                "{angle} degrees, repetition {repetition}: {found}, not {expected}"
+            );
         }
     }
 }

@@ -12,7 +12,10 @@ const SIDE: usize = 200;
 
 /// Noise on a grey of 127.5 in a square sector that fills the image, one row of pixels after another.
 fn draws(backend: insonify::synth::Backend, std_grey: f64, frames: &[u64]) -> Vec<Vec<f64>> {
-    let anatomy = anatomy::uniform(Acoustics { echo_db: 20.0 * 0.5f64.log10(), ..PLAIN });
+    let anatomy = anatomy::uniform(Acoustics {
+        echo_db: 20.0 * 0.5f64.log10(),
+        ..PLAIN
+    });
     let probe = scene::probe(ProbeShape::Linear { width_mm: 40.0 }, 40.0, 8, 8);
     let mut settings = scene::sized(probe, scene::bare(), SIDE, SIDE);
     settings.image.margin = 0.0;
@@ -38,8 +41,16 @@ fn noise_has_the_mean_and_variance_asked_and_is_white() {
         for field in &frames {
             // Rounding to bytes adds a twelfth to the variance; at 14 standard deviations nothing is clamped.
             let spread = (std_grey * std_grey + 1.0 / 12.0).sqrt();
-            assert!(mean(field).abs() < 4.0 * spread / n.sqrt(), "{name}: mean {}", mean(field));
-            assert!((std(field) / spread - 1.0).abs() < 4.0 / (2.0 * n).sqrt(), "{name}: std {}", std(field));
+            assert!(
+                mean(field).abs() < 4.0 * spread / n.sqrt(),
+                "{name}: mean {}",
+                mean(field)
+            );
+            assert!(
+                (std(field) / spread - 1.0).abs() < 4.0 / (2.0 * n).sqrt(),
+                "{name}: std {}",
+                std(field)
+            );
             for lag in [1, 2, SIDE, SIDE + 1, 7 * SIDE + 3] {
                 let found = correlation(&field[lag..], &field[..field.len() - lag]);
                 assert!(found.abs() < 4.0 / n.sqrt(), "{name}: correlation {found} at lag {lag}");
@@ -47,7 +58,10 @@ fn noise_has_the_mean_and_variance_asked_and_is_white() {
         }
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
             let found = correlation(&frames[a], &frames[b]);
-            assert!(found.abs() < 4.0 / n.sqrt(), "{name}: frames {a} and {b} are correlated: {found}");
+            assert!(
+                found.abs() < 4.0 / n.sqrt(),
+                "{name}: frames {a} and {b} are correlated: {found}"
+            );
         }
     }
 }
@@ -59,6 +73,9 @@ fn the_same_frame_draws_the_same_noise_and_strong_noise_is_clamped() {
         assert_eq!(twice[0], twice[1], "{name}");
         let ends = twice[0].iter().filter(|x| x.abs() == 127.5).count() as f64 / (SIDE * SIDE) as f64;
         // Beyond one standard deviation of a Gaussian lies 0.319 of it, beyond 127 / 128 of one 0.321.
-        assert!((ends - 0.32).abs() < 0.02, "{name}: {ends} of all pixels are black or white");
+        assert!(
+            (ends - 0.32).abs() < 0.02,
+            "{name}: {ends} of all pixels are black or white"
+        );
     }
 }

@@ -13,16 +13,26 @@ fn a_constant_has_no_seams() {
         for (width, height) in [(320, 240), (97, 211)] {
             for (name, backend) in precisions() {
                 let mut settings = scene::sized(scene::probe(shape, 40.0, 24, 96), scene::bare(), width, height);
-                settings.effects.tone = Some(Tone::default());
+                settings.effects.tone = Some(Tone {
+                    gain_db: 0.0,
+                    ..Tone::default()
+                });
                 let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
                 let pixels = synthesizer.render(&scene::straight()).expect("a frame").pixels.clone();
                 let grey = (255.0 * MID_GREY).round() as u8;
                 let inside = pixels.iter().filter(|&&pixel| pixel == grey).count();
                 let outside = pixels.iter().filter(|&&pixel| pixel == settings.image.fill).count();
-                assert_eq!(inside + outside, width * height, "{name}, {kind}: neither tissue nor fill");
+                assert_eq!(
+                    inside + outside,
+                    width * height,
+                    "{name}, {kind}: neither tissue nor fill"
+                );
                 let area = inside as f64 * synthesizer.frame().pixel_mm.powi(2);
                 let expected = synthesizer.tables().grid.sector_area_mm2();
-                assert!((area / expected - 1.0).abs() < 0.02, "{name}, {kind}: {area} mm2 of sector, not {expected}");
+                assert!(
+                    (area / expected - 1.0).abs() < 0.02,
+                    "{name}, {kind}: {area} mm2 of sector, not {expected}"
+                );
             }
         }
     }
@@ -35,7 +45,10 @@ fn interpolation_between_equal_neighbours_is_exact_to_one_ulp() {
         for line in 0..20 {
             for sample in 0..30 {
                 let at = [line as f32 * 0.1, sample as f32 * 0.1];
-                assert!((bilinear(&beam, 3, 4, at) - value).abs() <= value * f32::EPSILON, "{at:?}");
+                assert!(
+                    (bilinear(&beam, 3, 4, at) - value).abs() <= value * f32::EPSILON,
+                    "{at:?}"
+                );
             }
         }
     }
@@ -47,18 +60,27 @@ fn a_ramp_in_depth_is_one_on_the_image() {
         for (name, backend) in precisions() {
             let mut settings = scene::sized(scene::probe(shape, 40.0, 48, 96), scene::bare(), 200, 160);
             // 20 dB over 40 mm in a range of 60 dB.
-            settings.effects.tone = Some(Tone { tgc_db_cm: Some(5.0), gain_db: -10.0, ..Tone::default() });
+            settings.effects.tone = Some(Tone {
+                tgc_db_cm: Some(5.0),
+                gain_db: -10.0,
+                ..Tone::default()
+            });
             let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
             let pixels = synthesizer.render(&scene::straight()).expect("a frame").pixels.clone();
             let (grid, image) = (&synthesizer.tables().grid, &synthesizer.tables().image_grid);
             let mut compared = 0;
             for (index, &pixel) in pixels.iter().enumerate() {
                 let [x, y] = image.to_plane((index % 200) as f64, (index / 200) as f64);
-                let Some((_, sample)) = grid.to_beam(x, y) else { continue };
+                let Some((_, sample)) = grid.to_beam(x, y) else {
+                    continue;
+                };
                 // The first and last half sample repeat.
                 let depth = (sample.clamp(0.0, 95.0) + 0.5) * 40.0 / 96.0;
                 let expected = 255.0 * (MID_GREY + (0.5 * depth - 10.0) / 60.0);
-                assert!((f64::from(pixel) - expected).abs() < 0.51, "{name}, {kind}: {pixel} at {depth} mm, not {expected}");
+                assert!(
+                    (f64::from(pixel) - expected).abs() < 0.51,
+                    "{name}, {kind}: {pixel} at {depth} mm, not {expected}"
+                );
                 compared += 1;
             }
             assert!(compared > 5000, "{name}, {kind}: {compared}");

@@ -51,7 +51,11 @@ fn errors(boundary: Boundary, case: impl Fn(i32, f64) -> (Anatomy, f64)) -> Vec<
 /// Voxels over the scan plane and a little to either side of it.
 fn frame(spacing: f64) -> Frame {
     let across = (44.0 / spacing) as usize;
-    Frame::around([0.0, 18.0, 0.0], [across, across, (8.0 / spacing) as usize + 3], spacing)
+    Frame::around(
+        [0.0, 18.0, 0.0],
+        [across, across, (8.0 / spacing) as usize + 3],
+        spacing,
+    )
 }
 
 #[test]
@@ -63,7 +67,10 @@ fn the_area_of_a_sliced_ball_converges() {
             // The plane cuts the ball 4 to 6 mm off its centre, where its area changes with depth of the cut.
             let centre = [3.0 * x, 18.0 + 3.0 * y, 5.0 + 2.0 * z];
             let anatomy = anatomy::ball(frame(spacing), centre, radius, &[SILENT, PLAIN, PLAIN]);
-            (anatomy, std::f64::consts::PI * (radius * radius - centre[2] * centre[2]))
+            (
+                anatomy,
+                std::f64::consts::PI * (radius * radius - centre[2] * centre[2]),
+            )
         });
         let found = order(&SPACINGS_MM, &errors);
         println!("ball, {boundary:?}: errors {errors:.4?}, order {found:.2}");

@@ -16,7 +16,9 @@ const SAMPLE_MM: f64 = 0.2;
 const LINE_MM: f64 = 0.4;
 
 fn scene() -> (Anatomy, Settings) {
-    let shape = ProbeShape::Linear { width_mm: LINE_MM * (LINES as f64 - 1.0) };
+    let shape = ProbeShape::Linear {
+        width_mm: LINE_MM * (LINES as f64 - 1.0),
+    };
     let probe = scene::probe(shape, SAMPLE_MM * SAMPLES as f64, LINES as u32, SAMPLES as u32);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.speckle = Some(insonify::effects::speckle::Speckle {
@@ -24,14 +26,24 @@ fn scene() -> (Anatomy, Settings) {
         ..Default::default()
     });
     // The mesh reaches well beyond the beam on all sides.
-    let anatomy = anatomy::with_mesh(anatomy::uniform(PLAIN), [[-60.0, -40.0, -40.0], [60.0, 90.0, 40.0]], 300);
+    let anatomy = anatomy::with_mesh(
+        anatomy::uniform(PLAIN),
+        [[-60.0, -40.0, -40.0], [60.0, 90.0, 40.0]],
+        300,
+    );
     (anatomy, settings)
 }
 
 fn moved(anatomy: &Anatomy, by: [f64; 3]) -> FrameState {
     let nodes = anatomy.mesh.as_ref().expect("a mesh").nodes();
-    let nodes = nodes.iter().map(|node| [node[0] + by[0], node[1] + by[1], node[2] + by[2]]).collect();
-    FrameState { nodes: Some(nodes), ..scene::straight() }
+    let nodes = nodes
+        .iter()
+        .map(|node| [node[0] + by[0], node[1] + by[1], node[2] + by[2]])
+        .collect();
+    FrameState {
+        nodes: Some(nodes),
+        ..scene::straight()
+    }
 }
 
 /// Correlation of `after` with `before` moved by `lag` scanlines and samples.
@@ -51,18 +63,30 @@ fn the_pattern_follows_a_rigid_motion_to_a_tenth_of_a_sample() {
     let (anatomy, settings) = scene();
     for (name, backend) in precisions() {
         let mut synthesizer = synthesizer(&anatomy, &settings, backend);
-        let still = synthesizer.render_until("speckle_lateral", &moved(&anatomy, [0.0; 3])).expect("a beam");
+        let still = synthesizer
+            .render_until("speckle_lateral", &moved(&anatomy, [0.0; 3]))
+            .expect("a beam");
         // Shifts in scanlines and samples.
         for (lines, samples) in [(3.0, 0.0), (0.0, 5.0), (0.0, 0.37), (0.45, 0.0), (-1.7, 3.25)] {
             let state = moved(&anatomy, [lines * LINE_MM, samples * SAMPLE_MM, 0.0]);
             let after = synthesizer.render_until("speckle_lateral", &state).expect("a beam");
             let (near_line, near_sample) = ((lines as f64).round() as i64, (samples as f64).round() as i64);
-            let across: Vec<f64> = (-3..=3).map(|lag| lagged(&still, &after, near_line + lag, near_sample)).collect();
-            let down: Vec<f64> = (-3..=3).map(|lag| lagged(&still, &after, near_line, near_sample + lag)).collect();
+            let across: Vec<f64> = (-3..=3)
+                .map(|lag| lagged(&still, &after, near_line + lag, near_sample))
+                .collect();
+            let down: Vec<f64> = (-3..=3)
+                .map(|lag| lagged(&still, &after, near_line, near_sample + lag))
+                .collect();
             let (found_lines, found_samples) = (peak(&across, near_line - 3), peak(&down, near_sample - 3));
             println!("{name}: moved by {lines} lines, {samples} samples; found {found_lines:.3}, {found_samples:.3}");
-            assert!((found_lines - lines).abs() < 0.1, "{name}: {found_lines} scanlines, not {lines}");
-            assert!((found_samples - samples).abs() < 0.1, "{name}: {found_samples} samples, not {samples}");
+            assert!(
+                (found_lines - lines).abs() < 0.1,
+                "{name}: {found_lines} scanlines, not {lines}"
+            );
+            assert!(
+                (found_samples - samples).abs() < 0.1,
+                "{name}: {found_samples} samples, not {samples}"
+            );
         }
     }
 }
@@ -71,7 +95,9 @@ fn the_pattern_follows_a_rigid_motion_to_a_tenth_of_a_sample() {
 fn a_motion_of_probe_and_tissue_together_changes_nothing() {
     let (anatomy, settings) = scene();
     let mut synthesizer = synthesizer(&anatomy, &settings, Backend::CpuF64);
-    let still = synthesizer.render_until("speckle_lateral", &moved(&anatomy, [0.0; 3])).expect("a beam");
+    let still = synthesizer
+        .render_until("speckle_lateral", &moved(&anatomy, [0.0; 3]))
+        .expect("a beam");
     let by = [2.3, -1.1, 4.7];
     let mut state = moved(&anatomy, by);
     state.probe_to_world = nalgebra::Matrix4::new_translation(&by.into());

@@ -18,7 +18,13 @@ fn a_constant_is_unchanged() {
     for shape in 0..SHAPES.len() {
         for planes in [3, 5, 7, 9] {
             for (name, backend) in precisions() {
-                let beam = beam_after(&anatomy::uniform(PLAIN), &settings(shape, 4.0, planes), backend, "thickness", &scene::straight());
+                let beam = beam_after(
+                    &anatomy::uniform(PLAIN),
+                    &settings(shape, 4.0, planes),
+                    backend,
+                    "thickness",
+                    &scene::straight(),
+                );
                 for value in &beam.amplitude {
                     assert!((value - 1.0).abs() < 1e-6, "{name}: {value} with {planes} planes");
                 }
@@ -37,7 +43,11 @@ fn a_slab_beside_the_plane_adds_the_power_of_the_sub_planes_in_it() {
     for (name, backend) in precisions() {
         let beam = beam_after(&anatomy, &settings(0, 4.0, 5), backend, "thickness", &scene::straight());
         for value in &beam.amplitude {
-            assert!((value - f64::sqrt(power)).abs() < 1e-6, "{name}: {value}, not {}", power.sqrt());
+            assert!(
+                (value - f64::sqrt(power)).abs() < 1e-6,
+                "{name}: {value}, not {}",
+                power.sqrt()
+            );
         }
     }
 }

@@ -34,7 +34,9 @@ pub fn kolmogorov_smirnov(mut sample: Vec<f64>, cumulative: impl Fn(f64) -> f64)
         .enumerate()
         .map(|(at, &x)| {
             let expected = cumulative(x);
-            (expected - at as f64 / n).abs().max(((at + 1) as f64 / n - expected).abs())
+            (expected - at as f64 / n)
+                .abs()
+                .max(((at + 1) as f64 / n - expected).abs())
         })
         .fold(0.0, f64::max);
     distance * n.sqrt()
@@ -51,7 +53,10 @@ pub fn order(steps: &[f64], errors: &[f64]) -> f64 {
 
 /// Full width at half maximum of a correlation that starts at 1 at distance 0, from its values at whole steps.
 pub fn full_width(correlations: &[f64], step: f64) -> f64 {
-    let after = correlations.iter().position(|&c| c < 0.5).expect("a correlation that falls below one half");
+    let after = correlations
+        .iter()
+        .position(|&c| c < 0.5)
+        .expect("a correlation that falls below one half");
     let (high, low) = (correlations[after - 1], correlations[after]);
     2.0 * step * (after as f64 - 1.0 + (high - 0.5) / (high - low))
 }

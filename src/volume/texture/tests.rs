@@ -279,7 +279,12 @@ fn the_shader_struct_has_the_layout_of_the_entry() {
 
 proptest::proptest! {
     #[test]
-    fn wrapping_is_the_euclidean_remainder(index in proptest::num::i32::ANY, length in 1i32..5000) {
-        proptest::prop_assert_eq!(super::wrap(index, length), index.rem_euclid(length));
+    fn wrapping_is_the_euclidean_remainder(index in -4_000_000i32..4_000_000, length in 1i32..5000) {
+        proptest::prop_assert_eq!(super::wrap(index, length), index.rem_euclid(length) as u32);
+    }
+
+    #[test]
+    fn wrapping_never_leaves_the_texture(index in proptest::num::i32::ANY, length in 1i32..5000) {
+        proptest::prop_assert!(super::wrap(index, length) < length as u32);
     }
 }
