@@ -354,6 +354,14 @@ impl Synthesizer {
         }
     }
 
+    /// Names of the passes compiled for the GPU, each once; none on a CPU backend.
+    pub fn pipelines(&self) -> Vec<&'static str> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.pipelines().collect(),
+            _ => Vec::new(),
+        }
+    }
+
     /// Bytes of working memory on the backend.
     pub fn memory_bytes(&self) -> u64 {
         match &self.executor {

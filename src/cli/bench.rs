@@ -108,7 +108,7 @@ impl Candidate {
         Ok(match self {
             Self::Cpu => Contender::Cpu,
             Self::CpuF64 => Contender::CpuF64,
-            Self::Gpu(choice) => Contender::Gpu(Gpu::open(choice, needs)?),
+            Self::Gpu(choice) => Contender::Gpu(Box::new(Gpu::open(choice, needs)?)),
         })
     }
 }

@@ -136,6 +136,8 @@ impl Render {
             target,
         };
         let mut state = FrameState::at(Matrix4::identity());
+        // Of a probe that stays the scene has told it.
+        let told = scene.probe_path().keys().len() == 1;
         let mut passes = Passes::default();
         let mut oddities = Oddities::default();
         let mut frames = Vec::with_capacity(count);
@@ -146,7 +148,7 @@ impl Render {
             synth.render(&state)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             passes.add(synth);
-            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world)
+            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world, told)
                 .into_iter()
                 .collect();
             let path = output.write(synth.frame(), frame, scene.time_s(frame, count), &state.probe_to_world)?;

@@ -83,7 +83,7 @@ static PASSES: &[Pass] = &[Pass {
 
 /// Whether the scene has a needle and shows it.
 pub fn present(tables: &Tables) -> bool {
-    wanted(tables).is_ok()
+    tables.settings.effects.needle.is_some() && tables.settings.has_needle
 }
 
 fn wanted(tables: &Tables) -> Verdict {

@@ -42,12 +42,12 @@ impl Default for Shadow {
 }
 
 /// Fixed-point units in one decibel.
-pub const UNITS_PER_DB: f64 = 65_536.0;
+pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
 /// Most that one sample may take, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
 const MOST_PER_SAMPLE_DB: f64 = 256.0;
 
-/// Where the running sum saturates: 2^31 - 1 units, 32,768 dB.
+/// Where the running sum saturates: 2^31 - 1 units, 2,048 dB.
 pub const MOST_UNITS: u32 = 0x7fff_ffff;
 
 /// An occlusion of 1 per mm is not infinite but this, dB per mm.

@@ -55,13 +55,15 @@ impl Thickness {
     }
 
     /// Weights of the sub-planes' power, in the order of [`plane_step`]; they sum to 1.
-    pub fn weights(&self) -> Vec<f64> {
-        let raw: Vec<f64> = (0..self.planes as usize)
-            .map(|plane| f64::from(plane_step(plane)) * self.plane_mm() / self.width_mm)
-            .map(|widths| (-4.0 * std::f64::consts::LN_2 * widths * widths).exp())
-            .collect();
-        let sum: f64 = raw.iter().sum();
-        raw.iter().map(|weight| weight / sum).collect()
+    pub fn weights(&self) -> impl Iterator<Item = f64> + use<> {
+        let (plane_mm, width_mm) = (self.plane_mm(), self.width_mm);
+        let planes = 0..self.planes as usize;
+        let raw = move |plane| {
+            let widths = f64::from(plane_step(plane)) * plane_mm / width_mm;
+            (-4.0 * std::f64::consts::LN_2 * widths * widths).exp()
+        };
+        let sum: f64 = planes.clone().map(raw).sum();
+        planes.map(move |plane| raw(plane) / sum)
     }
 }
 

@@ -45,7 +45,7 @@ pub enum Contender {
     /// The CPU in double precision.
     CpuF64,
     /// An opened GPU.
-    Gpu(Gpu),
+    Gpu(Box<Gpu>),
 }
 
 impl Contender {
@@ -53,7 +53,7 @@ impl Contender {
         match self {
             Self::Cpu => Backend::Cpu,
             Self::CpuF64 => Backend::CpuF64,
-            Self::Gpu(gpu) => Backend::Gpu(Box::new(gpu.clone())),
+            Self::Gpu(gpu) => Backend::Gpu(gpu.clone()),
         }
     }
 

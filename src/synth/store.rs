@@ -60,7 +60,9 @@ impl<T: Real> Store<T> {
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
         resize(&mut self.image, count(Resource::Image, pixels), T::zero());
         resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
-        self.segments.reserve_exact(count(Resource::Needle, MAX_SEGMENTS));
+        if self.segments.capacity() != count(Resource::Needle, MAX_SEGMENTS) {
+            self.segments = Vec::with_capacity(count(Resource::Needle, MAX_SEGMENTS));
+        }
         match (&tables.anatomy.mesh, plan.uses(Resource::Element)) {
             (Some(mesh), true) if self.locators.is_none() => {
                 let locator = Locator::new(mesh);

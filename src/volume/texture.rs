@@ -162,7 +162,7 @@ impl<T: Real> Corners<T> {
     #[inline(always)]
     fn place(&mut self, axis: usize, index: T, length: u32) {
         let cut = index.truncate();
-        let floor = cut - i32::from(index < T::from_signed(cut));
+        let floor = cut.wrapping_sub(i32::from(index < T::from_signed(cut)));
         self.share[axis] = index - T::from_signed(floor);
         self.near[axis] = wrap(floor, length as i32);
         let next = self.near[axis] + 1;

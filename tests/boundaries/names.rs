@@ -72,7 +72,6 @@ fn the_gpu_layer_knows_no_ultrasound() {
             "mechanics",
             "scanline",
             "scanlines",
-            "needle",
             "speckle",
         ],
     );

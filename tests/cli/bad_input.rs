@@ -87,11 +87,11 @@ fn wrong_scenes_point_at_the_line() {
             vec!["position_mm", "NaN"],
         ),
         (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"curvilinear\"\nangle_deg = 0\n",
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"curvilinear\"\ndepth_mm = 60\nradius_mm = 60\nangle_deg = 0\n",
             vec!["angle_deg"],
         ),
         (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"linear\"\ndepth_mm = 0\n",
+            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"linear\"\nwidth_mm = 38\ndepth_mm = 0\n",
             vec!["depth_mm"],
         ),
         (

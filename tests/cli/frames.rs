@@ -4,7 +4,8 @@ use insonify::output::sidecar::Sidecar;
 use insonify::tracking::sequence::Sequence;
 use serde_json::json;
 
-use crate::support::{Bench, SCENE, grey, grey16, names};
+use crate::gpu::gpu_or_skip;
+use crate::support::{Bench, Run, SCENE, grey, grey16, names};
 
 /// The scene with a probe that slides 10 mm in two seconds, and a needle.
 fn moving() -> String {
@@ -66,15 +67,67 @@ fn the_backend_and_the_reason_go_to_standard_error() {
 fn the_same_scene_gives_the_same_bytes() {
     let bench = Bench::new();
     bench.run("render scene.toml --backend cpu -o a.png").text();
-    let mut single = bench.command("render scene.toml --backend cpu -o b.png");
+    let arguments = "render scene.toml --backend cpu -o b.png";
+    let mut single = bench.command(arguments);
     single.env("RAYON_NUM_THREADS", "1");
-    assert!(single.status().unwrap().success());
+    Run::of(single, arguments).text();
     let read = |name: &str| std::fs::read(bench.path(name)).unwrap();
     assert_eq!(read("a.png"), read("b.png"));
     bench.run("render scene.toml --backend cpu-f64 -o c.png").text();
     let (single, double) = (grey(&bench.path("a.png")).1, grey(&bench.path("c.png")).1);
     let furthest = single.iter().zip(&double).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(furthest <= Some(2), "{furthest:?}");
+}
+
+#[test]
+fn a_gpu_is_named_and_shows_the_same_picture() {
+    let bench = Bench::new();
+    if gpu_or_skip("a_gpu_is_named_and_shows_the_same_picture").is_none() {
+        return;
+    }
+    let report = bench.run("render scene.toml --backend gpu --json -o gpu.png").json();
+    assert_eq!(report["backend"], "gpu");
+    assert!(!report["adapter"].as_str().unwrap().is_empty());
+    let auto = bench.run("render scene.toml --json -o auto.png").json();
+    assert_eq!(
+        (&auto["backend"], &auto["adapter"]),
+        (&report["backend"], &report["adapter"])
+    );
+    bench.run("render scene.toml --backend cpu -o cpu.png").text();
+    let [gpu, cpu] = ["gpu.png", "cpu.png"].map(|name| grey(&bench.path(name)).1);
+    let furthest = gpu.iter().zip(&cpu).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(furthest <= Some(3), "{furthest:?}");
+}
+
+/// A volume of more than 128 MiB exceeds what wgpu's default limits let a pass bind, and all that software Vulkan has.
+#[test]
+fn a_scene_over_the_limits_names_the_limit() {
+    let bench = Bench::new();
+    let Some(gpu) = gpu_or_skip("a_scene_over_the_limits_names_the_limit") else {
+        return;
+    };
+    let limit = gpu.report().limits.max_storage_buffer_binding_size;
+    if limit >= 1 << 31 {
+        println!("SKIPPED: no scene of a test exceeds the {limit} bytes of this adapter's bindings");
+        return;
+    }
+    let lines = limit / (16_384 * 16) + 1;
+    let large = SCENE
+        .replace("samples = 64", "samples = 16384")
+        .replace("lines = 32", &format!("lines = {lines}"));
+    bench.write("large.toml", &format!("{large}[effects]\n"));
+    bench
+        .run("render large.toml --backend gpu")
+        .fails(1, &["max_storage_buffer_binding_size", &limit.to_string()]);
+    assert!(!bench.path("frame.png").exists());
+    let auto = bench.run("render large.toml --json").json();
+    assert_eq!(auto["backend"], "cpu");
+    assert!(
+        auto["warnings"][0]
+            .as_str()
+            .unwrap()
+            .contains("max_storage_buffer_binding_size")
+    );
 }
 
 #[test]
@@ -245,20 +298,38 @@ fn a_single_pixel_and_a_single_scanline_are_frames() {
 #[test]
 fn a_probe_outside_the_volume_gives_a_black_frame_and_a_warning() {
     let bench = Bench::new();
-    bench.write(
-        "away.toml",
-        &format!("{SCENE}\n[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n"),
-    );
+    let away = "[pose]\nposition_mm = [0, 900, 0]\ndirection = [0, 1, 0]\n";
+    bench.write("away.toml", &format!("{SCENE}{away}"));
     let run = bench.run("render away.toml --backend cpu --json --sidecar");
-    let report = run.json();
-    let warning = report["warnings"][0].as_str().unwrap();
-    assert!(
-        warning.contains("wholly outside the volume") && run.stderr.contains(warning),
-        "{run:?}"
-    );
+    let warnings = run.json()["warnings"].clone();
+    let [warning] = warnings.as_array().unwrap().as_slice() else {
+        panic!("one warning: {run:?}");
+    };
+    let warning = warning.as_str().unwrap();
+    assert!(warning.contains("nothing of the volume"), "{run:?}");
+    assert_eq!(run.stderr.matches(warning).count(), 1, "{run:?}");
     assert!(grey(&bench.path("frame.png")).1.iter().all(|&grey| grey == 0));
     let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("frame.json")).unwrap()).unwrap();
     assert_eq!(sidecar.warnings, [warning]);
+}
+
+#[test]
+fn a_probe_that_leaves_the_volume_is_told_of_by_frame() {
+    let bench = Bench::new();
+    bench.write("leaving.toml", &moving().replace("[10, -40, 0]", "[400, -40, 0]"));
+    let run = bench.run("render leaving.toml --backend cpu --frames 3 --json --sidecar -o out");
+    let report = run.json();
+    let warnings = report["warnings"].as_array().unwrap();
+    let by_frame = |warning: &&serde_json::Value| warning.as_str().unwrap().contains("wholly outside the volume");
+    let told: Vec<_> = warnings.iter().filter(by_frame).collect();
+    assert_eq!(told.len(), 1, "{run:?}");
+    assert!(
+        told[0].as_str().unwrap().starts_with("2 of 3 frames, first frame 1: "),
+        "{told:?}"
+    );
+    let sidecar = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
+    assert!(sidecar("out/frame_0002.json").contains("wholly outside"));
+    assert!(!sidecar("out/frame_0000.json").contains("wholly outside"));
 }
 
 #[test]

@@ -2,5 +2,8 @@
 
 mod bad_input;
 mod frames;
+#[path = "../support/gpu.rs"]
+#[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
+mod gpu;
 mod reports;
 mod support;

@@ -10,6 +10,7 @@ use crate::case::{Case, check_all};
 use crate::rounding::ULP;
 use crate::scenes;
 use crate::slack::{Slack, Step};
+use crate::support::gpu::gpu_or_skip;
 use crate::support::scene;
 
 /// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
@@ -152,6 +153,34 @@ fn samples_on_voxel_faces() {
         ));
     }
     check_all("faces", &cases);
+}
+
+#[test]
+fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
+    // Positions, indices and shares of the votes are sums of few powers of two: exact in single precision, whatever the
+    // rounding. Samples on voxel faces and votes that tie must then come out alike.
+    let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
+    let gpu = gpu_or_skip("labels without rounding");
+    for boundary in [Boundary::Nearest, Boundary::Vote] {
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 49, 160), scene::bare());
+        settings.effects.slice.boundary = boundary;
+        let case = Case::new(
+            format!("{boundary:?}"),
+            scenes::unit_voxels(),
+            settings,
+            scene::straight(),
+        );
+        let exact = case.exact().render_until("slice", &case.state).expect("a beam");
+        for mut twin in case.twins(gpu.as_ref()) {
+            let found = twin.render_until("slice", &case.state).expect("a beam");
+            assert!(
+                found.position == exact.position,
+                "{}: positions are exact",
+                twin.backend()
+            );
+            assert!(found.label == exact.label, "{boundary:?} on {}", twin.backend());
+        }
+    }
 }
 
 #[test]

@@ -20,17 +20,23 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let Some(own) = &step.tables.settings.effects.thickness else {
         panic!("{}: a thickness pass without thickness", step.case.name)
     };
-    let mut squares: Vec<f64> = slack.amplitude.iter().map(|off| own.weights()[0] * off * off).collect();
-    for (plane, weight) in own.weights().into_iter().enumerate().skip(1) {
-        let offs = plane_slack(step, f64::from(plane_step(plane)) * own.plane_mm());
+    let mut squares = vec![0.0; slack.amplitude.len()];
+    for (plane, weight) in own.weights().enumerate() {
+        let offs = match plane {
+            0 => std::mem::take(&mut slack.amplitude),
+            _ => plane_slack(step, f64::from(plane_step(plane)) * own.plane_mm()),
+        };
         for (square, off) in squares.iter_mut().zip(offs) {
             *square += weight * off * off;
         }
     }
     // A root of a weighted sum of squares is a norm: it moves by no more than the norm of what its terms move by.
-    for (index, square) in squares.into_iter().enumerate() {
-        slack.amplitude[index] = square.sqrt() + step.after.amplitude[index] * (0.5 * SUM * ULP + ROOT);
-    }
+    let rounding = 0.5 * SUM * ULP + ROOT;
+    slack.amplitude = squares
+        .iter()
+        .zip(&step.after.amplitude)
+        .map(|(square, amplitude)| square.sqrt() + amplitude * rounding)
+        .collect();
 }
 
 /// Bounds on the amplitudes of the sub-plane at elevation `z` mm before the average.

@@ -13,7 +13,10 @@ fn a_constant_has_no_seams() {
         for (width, height) in [(320, 240), (97, 211)] {
             for (name, backend) in precisions() {
                 let mut settings = scene::sized(scene::probe(shape, 40.0, 24, 96), scene::bare(), width, height);
-                settings.effects.tone = Some(Tone::default());
+                settings.effects.tone = Some(Tone {
+                    gain_db: 0.0,
+                    ..Tone::default()
+                });
                 let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
                 let pixels = synthesizer.render(&scene::straight()).expect("a frame").pixels.clone();
                 let grey = (255.0 * MID_GREY).round() as u8;

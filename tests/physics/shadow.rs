@@ -189,7 +189,8 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
         });
         let beam = beam_after(&anatomy::uniform(PLAIN), &settings, backend, "shadow", &state);
         // Scanlines lie 5 mm apart: those at -5, 0 and 5 mm cross the needle. The share along the chord is the cylinder's
-        // half chord over the slab's: its mean over the diameter is pi / 4.
+        // half chord over the slab's: its mean over the diameter is pi / 4. Summed in steps of 0.1 mm, a root that starts and
+        // ends steeply is off by half a percent.
         for line in 0..9 {
             let found = loss_db(&beam, line, 599);
             let expected = if (3..=5).contains(&line) {
@@ -198,7 +199,7 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
                 0.0
             };
             assert!(
-                (found - expected).abs() < 0.02,
+                (found - expected).abs() <= 0.005 * expected,
                 "{name}: line {line}: {found} dB, not {expected}"
             );
             assert_eq!(

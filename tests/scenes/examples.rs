@@ -4,12 +4,19 @@ use std::path::Path;
 
 use insonify::scene::{EXAMPLES, SceneFile};
 
-use crate::support::{render, shrink, synthesizer};
+use crate::support::{render, shrink, synthesizer, without_textures};
 
 fn example(name: &str) -> SceneFile {
     let (_, text) = EXAMPLES.iter().find(|(known, _)| *known == name).expect(name);
     let mut file = SceneFile::parse(text, name).expect(name);
     shrink(&mut file);
+    file
+}
+
+/// As [`example`], quicker to render.
+fn quick(name: &str) -> SceneFile {
+    let mut file = example(name);
+    without_textures(&mut file);
     file
 }
 
@@ -33,7 +40,7 @@ fn every_scene_makes_a_picture() {
 
 #[test]
 fn what_a_scene_does_not_name_is_not_made() {
-    let plain = example("default").resolve(Path::new(".")).expect("default");
+    let plain = quick("default").resolve(Path::new(".")).expect("default");
     assert!(plain.anatomy.mesh.is_none() && !plain.settings.has_needle);
     assert!(plain.needle_pose(0, 1).is_none());
     let plan = synthesizer(&plain).plan().report();
@@ -42,7 +49,7 @@ fn what_a_scene_does_not_name_is_not_made() {
         assert!(!passes.contains(&absent), "{absent} in {passes:?}");
         assert!(plan.without.iter().any(|omitted| omitted.name == absent), "{absent}");
     }
-    let needle = example("liver-needle").resolve(Path::new(".")).expect("needle");
+    let needle = quick("liver-needle").resolve(Path::new(".")).expect("needle");
     assert!(needle.anatomy.mesh.is_some() && needle.settings.has_needle);
     let plan = synthesizer(&needle);
     assert!(plan.plan().has("warp") && plan.plan().has("needle"));
@@ -50,7 +57,7 @@ fn what_a_scene_does_not_name_is_not_made() {
 
 #[test]
 fn the_needle_scene_shows_its_needle() {
-    let with = example("liver-needle");
+    let with = quick("liver-needle");
     let mut without = with.clone();
     without.needle = None;
     let [with, without] = [with, without].map(|file| file.resolve(Path::new(".")).expect("scene"));
@@ -66,7 +73,7 @@ fn the_needle_scene_shows_its_needle() {
 
 #[test]
 fn a_sweep_shows_different_places() {
-    let scene = example("sweep").resolve(Path::new(".")).expect("sweep");
+    let scene = quick("sweep").resolve(Path::new(".")).expect("sweep");
     assert_eq!(scene.frames(), 24);
     let mut synthesizer = synthesizer(&scene);
     let first = render(&scene, &mut synthesizer, 0, 24);

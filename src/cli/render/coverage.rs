@@ -4,8 +4,9 @@ use insonify::synth::layers::world_position;
 use insonify::synth::tables::Tables;
 use nalgebra::Matrix4;
 
-/// What is odd about where the probe is; nothing where it sees tissue.
-pub fn warning(tables: &Tables, probe_to_world: &Matrix4<f64>) -> Option<String> {
+/// What is odd about where the probe is: nothing where it sees tissue, nor where it lies outside the volume and the user
+/// was told so.
+pub fn warning(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Option<String> {
     let mut inside = false;
     for line in 0..tables.lines() {
         for sample in 0..tables.samples() {
@@ -19,14 +20,12 @@ pub fn warning(tables: &Tables, probe_to_world: &Matrix4<f64>) -> Option<String>
             }
         }
     }
-    let [x, y, z] = [0, 1, 2].map(|axis| probe_to_world[(axis, 3)]);
-    let [cx, cy, cz]: [f64; 3] = tables.volume.centre_mm().into();
-    Some(format!(
-        "the field of view {}; the probe is at ({x:.1}, {y:.1}, {z:.1}) mm, the middle of the volume at ({cx:.1}, {cy:.1}, {cz:.1}) mm",
-        if inside {
-            "meets no labelled voxel"
-        } else {
-            "lies wholly outside the volume"
-        }
-    ))
+    if told && !inside {
+        return None;
+    }
+    Some(if inside {
+        "the field of view meets no labelled voxel".to_owned()
+    } else {
+        "the field of view lies wholly outside the volume".to_owned()
+    })
 }
