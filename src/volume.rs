@@ -43,6 +43,24 @@ pub struct Label {
 }
 
 /// A labelled volume with its place in the world.
+///
+/// ```
+/// use insonify::volume::{InvalidVolume, Label, LabelVolume};
+/// use nalgebra::{Matrix4, Point3};
+///
+/// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 0 };
+/// let labels = vec![label(0, "background"), label(5, "liver")];
+/// let place = Matrix4::new_translation(&[10.0, 20.0, 30.0].into()) * Matrix4::new_scaling(2.0);
+/// let volume = LabelVolume::new([3, 1, 1], vec![0, 1, 1], labels.clone(), place)?;
+///
+/// assert_eq!(volume.spacing_mm(), [2.0; 3]);
+/// assert_eq!(volume.label_index_at(&Point3::new(12.5, 20.0, 30.0)), Some(1));
+/// assert_eq!(volume.label_index_at(&Point3::new(15.5, 20.0, 30.0)), None, "more than half a voxel past the last");
+///
+/// let error = LabelVolume::new([3, 1, 1], vec![0, 1, 2], labels, place).unwrap_err();
+/// assert_eq!(error, InvalidVolume::Index { at: 2, index: 2, labels: 2 });
+/// # Ok::<(), InvalidVolume>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     size: [usize; 3],
