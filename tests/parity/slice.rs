@@ -162,7 +162,7 @@ fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
     let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
     let gpu = gpu_or_skip("labels without rounding");
     for boundary in [Boundary::Nearest, Boundary::Vote] {
-        let mut settings = scene::settings(scene::probe(shape, 40.0, 49, 160), scene::bare());
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 33, 160), scene::bare());
         settings.effects.slice.boundary = boundary;
         let case = Case::new(
             format!("{boundary:?}"),
