@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use insonify::scene::{EXAMPLES, SceneFile};
+use insonify::synth::Frame;
 
 use crate::support::{render, shrink, synthesizer, without_textures};
 
@@ -62,13 +63,22 @@ fn the_needle_scene_shows_its_needle() {
     without.needle = None;
     let [with, without] = [with, without].map(|file| file.resolve(Path::new(".")).expect("scene"));
     let [shown, hidden] = [&with, &without].map(|scene| render(scene, &mut synthesizer(scene), 0, 1));
-    let brighter = shown
-        .pixels
-        .iter()
-        .zip(&hidden.pixels)
-        .filter(|(a, b)| **a > b.saturating_add(60))
-        .count();
-    assert!(brighter > 30, "{brighter} pixels");
+    let to_image = shown.image_to_world.try_inverse().expect("image");
+    let shaft = with.needle_pose(0, 1).expect("needle");
+    // From the tip back to the skin.
+    let (tip, back) = (shaft.tip_mm(), shaft.direction().into_inner());
+    let along = |frame: &Frame| {
+        let greys = (0..40).map(|mm| {
+            let pixel = to_image.transform_point(&(tip - back * f64::from(mm)));
+            f64::from(frame.pixels[pixel.y.round() as usize * frame.width + pixel.x.round() as usize])
+        });
+        greys.sum::<f64>() / 40.0
+    };
+    let (with, without) = (along(&shown), along(&hidden));
+    assert!(
+        with > without + 40.0,
+        "mean grey {with} with the needle, {without} without"
+    );
 }
 
 #[test]
