@@ -66,6 +66,7 @@ pub struct LabelVolume {
     size: [usize; 3],
     voxels: Vec<u8>,
     labels: Vec<Label>,
+    held: Vec<bool>,
     index_to_world: Matrix4<f64>,
     world_to_index: Matrix4<f64>,
 }
@@ -131,12 +132,16 @@ impl LabelVolume {
         if labels.first().is_none_or(|label| label.value != 0) {
             return Err(InvalidVolume::Background);
         }
-        if let Some(at) = voxels.iter().position(|&v| usize::from(v) >= labels.len()) {
-            return Err(InvalidVolume::Index {
-                at,
-                index: voxels[at],
-                labels: labels.len(),
-            });
+        let mut held = vec![false; labels.len()];
+        for (at, &index) in voxels.iter().enumerate() {
+            let Some(held) = held.get_mut(usize::from(index)) else {
+                return Err(InvalidVolume::Index {
+                    at,
+                    index,
+                    labels: labels.len(),
+                });
+            };
+            *held = true;
         }
         if !index_to_world.iter().all(|x| x.is_finite()) {
             return Err(InvalidVolume::Transform);
@@ -149,6 +154,7 @@ impl LabelVolume {
             size,
             voxels,
             labels,
+            held,
             index_to_world,
             world_to_index,
         })
@@ -167,6 +173,11 @@ impl LabelVolume {
     /// The labels that the voxels index; the first is the background.
     pub fn labels(&self) -> &[Label] {
         &self.labels
+    }
+
+    /// Whether any voxel has a label index. [`Label::voxels`] does not tell: it counts what a file held.
+    pub fn holds(&self, label_index: usize) -> bool {
+        self.held.get(label_index).is_some_and(|&held| held)
     }
 
     /// Voxel index to LPS millimetres.
