@@ -82,7 +82,8 @@ fn axial_pass(@builtin(global_invocation_id) id: vec3<u32>) {
             sum += weights[tap] * echoes[row + u32(sample)];
         }
     }
-    spread[row + id.x] = sum;
+    // Behind the kernel: per sample, what makes up for the taps beyond an end.
+    spread[row + id.x] = weights[2u * params.axial_reach + 1u + id.x] * sum;
 }
 
 @compute @workgroup_size(64)

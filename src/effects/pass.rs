@@ -53,7 +53,7 @@ pub enum Resource {
     Scatter,
     /// Complex echo after the axial point spread (`vec2<f32>`).
     ScatterAxial,
-    /// Weights of the axial point spread (`f32`).
+    /// Weights of the axial point spread, then a factor a sample (`f32`).
     AxialKernel,
     /// Weights of the lateral point spread, a row a depth (`f32`).
     LateralKernel,

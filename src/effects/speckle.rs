@@ -15,6 +15,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+mod elevation;
+
+use elevation::Elevation;
+
 use super::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH, gaussian};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
@@ -34,7 +38,7 @@ pub struct Speckle {
     pub axial_mm: f64,
     /// Across scanlines at the focus, mm (0.05 to 20).
     pub lateral_mm: f64,
-    /// Out of the plane, mm (0.05 to 20).
+    /// Out of the plane, mm (0.05 to 20). More than 4 times the shortest of the three lengths comes out as 4 times.
     pub elevational_mm: f64,
     /// Depth of the lateral focus, mm (0 to 1000); none is half the imaging depth.
     pub focus_mm: Option<f64>,
@@ -48,7 +52,7 @@ impl Default for Speckle {
         Self {
             axial_mm: 0.8,
             lateral_mm: 1.5,
-            elevational_mm: 1.6,
+            elevational_mm: 1.8,
             focus_mm: None,
             focal_zone_mm: 50.0,
         }
@@ -84,6 +88,8 @@ pub struct SpeckleTables {
     pub planes: Vec<f64>,
     /// Weights along the beam.
     pub axial: Numbers,
+    /// Per sample: factor that makes up for what the axial kernel finds nothing to weigh, near the ends of a scanline.
+    pub ends: Numbers,
     /// Weights across fine scanlines.
     pub lateral: LateralKernel,
 }
@@ -91,9 +97,6 @@ pub struct SpeckleTables {
 /// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
 /// takes 3/8 of the spread's variance (h^2 / 6), which the kernels then leave out.
 const LATTICE_PER_SIGMA: f64 = 1.5;
-
-/// Sub-planes lie this many lattice distances apart.
-const PLANES_APART: f64 = 1.5;
 
 /// Most sub-planes that the uniform block holds.
 const MAX_PLANES: usize = 8;
@@ -119,17 +122,16 @@ impl SpeckleTables {
             (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
         };
 
-        let plane_mm = PLANES_APART * lattice_mm;
-        let elevational = left(speckle.elevational_mm) / plane_mm;
-        let reach = ((1.5 * elevational).round() as usize).min((MAX_PLANES - 1) / 2);
-        let planes = unit_power(gaussian(elevational, reach), |steps| correlation(steps * plane_mm));
+        let elevation = Elevation::of_width(speckle.elevational_mm / lattice_mm);
+        let plane_mm = elevation.apart * lattice_mm;
+        let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
         let axial_sigma = left(speckle.axial_mm) / sample_mm;
         let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
-        let axial = unit_power(gaussian(axial_sigma, axial_reach), |steps| {
-            correlation(steps * sample_mm)
-        });
+        let along = |steps: f64| correlation(steps * sample_mm);
+        let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
+        let ends = ends(&axial, grid.samples(), along);
 
         let widest = grid
             .lateral_spacing_mm(grid.depth_mm())
@@ -155,6 +157,7 @@ impl SpeckleTables {
             plane_mm,
             planes,
             axial: Numbers::new(axial),
+            ends: Numbers::new(ends),
             lateral,
         }
     }
@@ -193,6 +196,21 @@ fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
             .sum()
     };
     weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
+}
+
+/// What keeps the mean power of a kernel of unit power at each of `samples` along a scanline, where nothing lies beyond
+/// either end.
+fn ends(weights: &[f64], samples: usize, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
+    let reach = weights.len() / 2;
+    let factor = |sample: usize| {
+        let first = reach.saturating_sub(sample);
+        let last = (samples - sample + reach).min(weights.len());
+        if last - first == weights.len() {
+            return 1.0;
+        }
+        1.0 / power(&weights[first..last], &correlation).sqrt()
+    };
+    (0..samples).map(factor).collect()
 }
 
 fn unit_power(weights: Vec<f64>, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
@@ -501,7 +519,7 @@ fn floor<T: Real>(x: T) -> i32 {
 fn axial<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(own) = &view.tables.speckle else { return };
     let samples = view.tables.samples();
-    let weights = own.axial.of::<T>();
+    let (weights, ends) = (own.axial.of::<T>(), own.ends.of::<T>());
     let input = &store.scatter;
     store
         .scatter_axial
@@ -511,15 +529,17 @@ fn axial<T: Real>(view: &View, store: &mut Store<T>) {
             vectorised(Along {
                 input: &input[part * samples..][..samples],
                 weights,
+                ends,
                 output,
             });
         });
 }
 
-/// Convolution along a scanline; nothing lies beyond its ends.
+/// Convolution along a scanline; nothing lies beyond its ends, and what is left there is raised to keep its power.
 struct Along<'a, T> {
     input: &'a [T],
     weights: &'a [T],
+    ends: &'a [T],
     output: &'a mut [T],
 }
 
@@ -528,7 +548,12 @@ impl<T: Real> Kernel for Along<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { input, weights, output } = self;
+        let Self {
+            input,
+            weights,
+            ends,
+            output,
+        } = self;
         let samples = input.len();
         let reach = weights.len() / 2;
         output.fill(T::zero());
@@ -545,6 +570,9 @@ impl<T: Real> Kernel for Along<'_, T> {
             for (out, &value) in output[from..to].iter_mut().zip(source) {
                 *out += weight * value;
             }
+        }
+        for (out, &factor) in output.iter_mut().zip(ends) {
+            *out *= factor;
         }
     }
 }

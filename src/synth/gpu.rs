@@ -507,10 +507,9 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
             .as_ref()
             .map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec()),
         Resource::TextureAtlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
-        Resource::AxialKernel => tables
-            .speckle
-            .as_ref()
-            .map_or(Vec::new(), |speckle| floats(speckle.axial.of())),
+        Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
+            floats(&[speckle.axial.of::<f32>(), speckle.ends.of()].concat())
+        }),
         Resource::LateralKernel => tables
             .speckle
             .as_ref()

@@ -285,10 +285,11 @@ impl Tables {
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
             Resource::AmplitudeNext | Resource::NeedleMask | Resource::Loss => beam * 4,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,
-            Resource::AxialKernel => self
-                .speckle
-                .as_ref()
-                .map_or(0, |speckle| speckle.axial.of::<f32>().len() * 4) as u64,
+            Resource::AxialKernel => {
+                self.speckle
+                    .as_ref()
+                    .map_or(0, |speckle| (speckle.axial.of::<f32>().len() + self.samples()) * 4) as u64
+            }
             Resource::LateralKernel => self
                 .speckle
                 .as_ref()

@@ -84,7 +84,9 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     sum = add(sum, weight.abs(), echoes[fine * samples + at]);
                 }
             }
-            spread[fine * samples + sample] = rounded(sum, axial.len());
+            // One more product, by a stored factor, at the ends.
+            let factor = own.ends.of::<f64>()[sample];
+            spread[fine * samples + sample] = rounded(sum, axial.len() + 2).map(|x| x * factor);
         }
     }
     let reach = own.lateral.reach;
