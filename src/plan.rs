@@ -41,6 +41,25 @@ pub struct PlannedResource {
 }
 
 /// What a frame of a scene is made of.
+///
+/// ```
+/// use insonify::effects::Effects;
+/// use insonify::plan::Plan;
+/// use insonify::scene::SceneFile;
+/// use insonify::synth::tables::Tables;
+///
+/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+/// let mut scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+/// let usual = Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone())?);
+/// assert!(usual.has("speckle") && !usual.has("needle") && !usual.has("warp"));
+/// println!("{}", usual.report());
+///
+/// scene.settings.effects = Effects::default();
+/// let slicing = Plan::new(&Tables::new(scene.anatomy, scene.settings)?);
+/// assert!(slicing.passes.len() < usual.passes.len() && slicing.bytes() < usual.bytes());
+/// assert!(slicing.without.iter().any(|omitted| omitted.name == "speckle"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Plan {
     /// Passes in order.
     pub passes: Vec<PlannedPass>,

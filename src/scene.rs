@@ -67,6 +67,40 @@ pub fn schema() -> serde_json::Value {
 }
 
 /// A scene that can be rendered: every number in its range, every file read.
+///
+/// It answers what a [`Synthesizer`](crate::synth::Synthesizer) is made of, and where everything is in each frame.
+///
+/// ```
+/// use insonify::scene::SceneFile;
+/// use insonify::synth::FrameState;
+///
+/// let text = r#"
+/// version = 1
+/// volume = { phantom = "abdomen", resolution_mm = 5 }
+/// motion.frames = 5
+/// [[needle.motion.keyframes]]
+/// time_s = 0
+/// tip_mm = [-32.0, -79.6, -7.1]
+/// direction = [-20.3, 59.4, -18.0]
+/// [[needle.motion.keyframes]]
+/// time_s = 1
+/// tip_mm = [-52.3, -20.2, -25.1]
+/// direction = [-20.3, 59.4, -18.0]
+/// "#;
+/// let scene = SceneFile::parse(text, "insertion.toml")?.resolve(".".as_ref())?;
+/// assert!(scene.settings.has_needle);
+///
+/// let of = scene.frames();
+/// assert_eq!(of, 5);
+/// let mut state = FrameState::at(*scene.probe_pose(0, of).probe_to_world());
+/// for frame in 0..of {
+///     scene.state(frame, of, &mut state)?;
+///     let tip = state.needle.as_ref().and_then(|needle| needle.nodes.last());
+///     println!("{:.2} s: tip at {tip:?}", scene.time_s(frame, of));
+/// }
+/// assert!(scene.state(of, of, &mut state).is_err());
+/// # Ok::<(), insonify::scene::SceneError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// What is imaged.

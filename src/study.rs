@@ -2,8 +2,8 @@
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | [`bench`] | times of frames, of passes, and of frames from which effects are taken away |
-//! | [`inspect`] | what made one pixel |
+//! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
+//! | [`mod@inspect`] | what made one pixel |
 //! | [`machine`] | what the CPU backend runs on |
 
 pub mod bench;

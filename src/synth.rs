@@ -122,7 +122,36 @@ pub struct PassTime {
     pub ms: f64,
 }
 
-/// Renders frames of one scene. See the crate's examples for its use in a loop.
+/// Renders frames of one scene: made once, then driven by whoever owns the motion.
+///
+/// ```
+/// use insonify::scene::SceneFile;
+/// use insonify::synth::{Backend, FrameState, Synthesizer};
+/// use nalgebra::Translation3;
+///
+/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }";
+/// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+/// let pose = *scene.probe_pose(0, 1).probe_to_world();
+/// let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
+///
+/// // The probe slides 5 mm along its array.
+/// let mut state = FrameState::at(pose);
+/// for step in 0..3 {
+///     state.frame = step;
+///     state.probe_to_world = pose * Translation3::new(2.5 * step as f64, 0.0, 0.0).to_homogeneous();
+///     let frame = synth.render(&state)?;
+///     assert_eq!(frame.pixels.len(), frame.width * frame.height);
+/// }
+///
+/// // More gain, from the next frame on: the amplitudes stay, a table of gains is made anew.
+/// let before = synth.frame().clone();
+/// let mut settings = synth.settings().clone();
+/// settings.effects.tone.get_or_insert_default().gain_db += 10.0;
+/// synth.set(settings)?;
+/// let brightness = |pixels: &[u8]| pixels.iter().map(|&grey| u64::from(grey)).sum::<u64>();
+/// assert!(brightness(&synth.render(&state)?.pixels) > brightness(&before.pixels));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Synthesizer {
     tables: Tables,
     plan: Plan,
@@ -204,7 +233,7 @@ impl Synthesizer {
     }
 
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
-    /// what was is returned. On an error the synthesizer stays as it was.
+    /// what was is returned. On an error of the settings the synthesizer stays as it was.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
         let changed = self.tables.set(settings)?;
         self.plan = Plan::new(&self.tables);

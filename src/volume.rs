@@ -43,11 +43,30 @@ pub struct Label {
 }
 
 /// A labelled volume with its place in the world.
+///
+/// ```
+/// use insonify::volume::{InvalidVolume, Label, LabelVolume};
+/// use nalgebra::{Matrix4, Point3};
+///
+/// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 0 };
+/// let labels = vec![label(0, "background"), label(5, "liver")];
+/// let place = Matrix4::new_translation(&[10.0, 20.0, 30.0].into()) * Matrix4::new_scaling(2.0);
+/// let volume = LabelVolume::new([3, 1, 1], vec![0, 1, 1], labels.clone(), place)?;
+///
+/// assert_eq!(volume.spacing_mm(), [2.0; 3]);
+/// assert_eq!(volume.label_index_at(&Point3::new(12.5, 20.0, 30.0)), Some(1));
+/// assert_eq!(volume.label_index_at(&Point3::new(15.5, 20.0, 30.0)), None, "more than half a voxel past the last");
+///
+/// let error = LabelVolume::new([3, 1, 1], vec![0, 1, 2], labels, place).unwrap_err();
+/// assert_eq!(error, InvalidVolume::Index { at: 2, index: 2, labels: 2 });
+/// # Ok::<(), InvalidVolume>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     size: [usize; 3],
     voxels: Vec<u8>,
     labels: Vec<Label>,
+    held: Vec<bool>,
     index_to_world: Matrix4<f64>,
     world_to_index: Matrix4<f64>,
 }
@@ -113,12 +132,16 @@ impl LabelVolume {
         if labels.first().is_none_or(|label| label.value != 0) {
             return Err(InvalidVolume::Background);
         }
-        if let Some(at) = voxels.iter().position(|&v| usize::from(v) >= labels.len()) {
-            return Err(InvalidVolume::Index {
-                at,
-                index: voxels[at],
-                labels: labels.len(),
-            });
+        let mut held = vec![false; labels.len()];
+        for (at, &index) in voxels.iter().enumerate() {
+            let Some(held) = held.get_mut(usize::from(index)) else {
+                return Err(InvalidVolume::Index {
+                    at,
+                    index,
+                    labels: labels.len(),
+                });
+            };
+            *held = true;
         }
         if !index_to_world.iter().all(|x| x.is_finite()) {
             return Err(InvalidVolume::Transform);
@@ -131,6 +154,7 @@ impl LabelVolume {
             size,
             voxels,
             labels,
+            held,
             index_to_world,
             world_to_index,
         })
@@ -149,6 +173,11 @@ impl LabelVolume {
     /// The labels that the voxels index; the first is the background.
     pub fn labels(&self) -> &[Label] {
         &self.labels
+    }
+
+    /// Whether any voxel has a label index. [`Label::voxels`] does not tell: it counts what a file held.
+    pub fn holds(&self, label_index: usize) -> bool {
+        self.held.get(label_index).is_some_and(|&held| held)
     }
 
     /// Voxel index to LPS millimetres.

@@ -22,7 +22,7 @@ version = 1
 seed = 11
 volume = { phantom = "abdomen" }
 probe = { kind = "curvilinear", radius_mm = 60.0, angle_deg = 70.0, depth_mm = 100.0, frequency_mhz = 4.0 }
-image = { width = 300, height = 190, margin = 0.01 }
+image = { width = 300, height = 190, margin = 0.015 }
 needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
 
 [deform.field]
@@ -34,14 +34,14 @@ radius_mm = 18.0
 
 [effects]
 texture = {}
-thickness = { width_mm = 4.0 }
+thickness = { width_mm = 2.0 }
 speckle = {}
 interface = { mirror_db = 44.0 }
 needle = {}
 shadow = {}
-blur = { width_mm = 2.0 }
-tone = { gain_db = 6.0 }
-noise = { std_grey = 10.0 }
+blur = { width_mm = 1.3 }
+tone = { gain_db = 8.0 }
+noise = { std_grey = 7.0 }
 "#;
 
 const COLUMNS: usize = 4;

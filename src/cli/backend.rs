@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use insonify::gpu::adapter;
-use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, GpuError, Needs};
+use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
 use insonify::plan::Plan;
 use insonify::synth::gpu::needs;
 use insonify::synth::tables::{Anatomy, Settings, Tables};
@@ -25,7 +25,7 @@ pub enum BackendName {
 #[derive(Args)]
 pub struct BackendArgs {
     /// What to render on
-    #[arg(long, value_enum, default_value = "auto", hide_possible_values = false)]
+    #[arg(long, value_enum, default_value = "auto")]
     pub backend: BackendName,
     /// Part of the name of the GPU adapter to use; `insonify doctor` lists them
     #[arg(long, value_name = "NAME")]
@@ -125,6 +125,6 @@ pub fn needs_of(anatomy: &Anatomy, settings: &Settings) -> Result<Needs, SynthEr
 }
 
 fn on_gpu(anatomy: Anatomy, settings: Settings, choice: &AdapterChoice) -> Result<Synthesizer, SynthError> {
-    let gpu = Gpu::open(choice, &needs_of(&anatomy, &settings)?).map_err(|error: GpuError| SynthError::Gpu(error))?;
+    let gpu = Gpu::open(choice, &needs_of(&anatomy, &settings)?)?;
     Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu)))
 }

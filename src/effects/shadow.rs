@@ -42,12 +42,12 @@ impl Default for Shadow {
 }
 
 /// Fixed-point units in one decibel.
-pub const UNITS_PER_DB: f64 = 65_536.0;
+pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
 /// Most that one sample may take, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
 const MOST_PER_SAMPLE_DB: f64 = 256.0;
 
-/// Where the running sum saturates: 2^31 - 1 units, 32,768 dB.
+/// Where the running sum saturates: 2^31 - 1 units, 2,048 dB.
 pub const MOST_UNITS: u32 = 0x7fff_ffff;
 
 /// An occlusion of 1 per mm is not infinite but this, dB per mm.
@@ -128,8 +128,8 @@ fn wanted(tables: &Tables) -> Verdict {
     let losing = tables
         .label_rows
         .iter()
-        .zip(tables.volume.labels())
-        .filter(|(row, label)| row.loss > 0 && label.voxels > 0)
+        .enumerate()
+        .filter(|&(index, row)| row.loss > 0 && tables.volume.holds(index))
         .count();
     let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
     match (losing, needle) {
@@ -257,5 +257,50 @@ mod tests {
         assert!(down_to.is_sorted());
         assert_eq!(down_to[8191], MOST_UNITS);
         assert_eq!(transmittance::<f32>(down_to[8191]), 0.0);
+    }
+
+    #[test]
+    fn what_the_voxels_hold_decides_not_what_a_file_counted() {
+        use std::sync::Arc;
+
+        use nalgebra::Matrix4;
+
+        use crate::effects::Effects;
+        use crate::synth::tables::{Anatomy, ImageSize, Settings};
+        use crate::tissue::{Preset, TissueTable};
+        use crate::tracking::probe::{Probe, ProbeShape};
+        use crate::volume::LabelVolume;
+
+        let verdict = |voxels: Vec<u8>, counted: u64| {
+            let label = |value, name: &str| crate::volume::Label {
+                value,
+                name: Some(name.into()),
+                voxels: counted,
+            };
+            let labels = vec![label(0, "background"), label(1, "bone")];
+            let (tissues, _) = TissueTable::resolve(&labels, &[], Preset::Auto).expect("two known tissues");
+            let volume = LabelVolume::new([2, 1, 1], voxels, labels, Matrix4::identity()).expect("two voxels");
+            let anatomy = Anatomy {
+                volume: Arc::new(volume),
+                tissues: Arc::new(tissues),
+                textures: Default::default(),
+                mesh: None,
+            };
+            let settings = Settings {
+                seed: 0,
+                probe: Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 40.0).expect("a probe"),
+                image: ImageSize {
+                    width: 8,
+                    height: 8,
+                    margin: 0.0,
+                    fill: 0,
+                },
+                effects: Effects::usual(),
+                has_needle: false,
+            };
+            wanted(&Tables::new(anatomy, settings).expect("tables"))
+        };
+        assert_eq!(verdict(vec![0, 1], 0), Ok("1 labels attenuate or occlude".into()));
+        assert!(verdict(vec![0, 0], 1).is_err());
     }
 }

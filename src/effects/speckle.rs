@@ -508,7 +508,7 @@ fn scatterers<T: Real>(p: &[[T; BLOCK]; 3], seed: [u32; 2]) -> ([T; BLOCK], [T; 
             side[axis][1][i] = f;
             step[axis][0][i] = pcg_step(seeded(axis, base, seed));
             step[axis][1][i] = pcg_step(seeded(axis, base.wrapping_add(1), seed));
-            scale[i] = scale[i] / (f * f + g * g);
+            scale[i] /= f * f + g * g;
         }
     }
     let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);

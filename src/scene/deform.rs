@@ -79,12 +79,15 @@ fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Displac
     deserializer.deserialize_any(Fields)
 }
 
+/// A position or displacement for each node, mm.
+type Nodes = Vec<[f64; 3]>;
+
 /// A mesh and how it moves.
 #[derive(Clone, Debug)]
 pub(super) struct Deformation {
     pub mesh: Arc<TetMesh>,
     /// Displacement of each node at an amplitude of 1, mm.
-    displacements: Vec<[f64; 3]>,
+    displacements: Nodes,
     /// Points of time (s) and amplitude, in rising time; one or more.
     amplitude: Vec<[f64; 2]>,
 }
@@ -112,7 +115,7 @@ impl Deformation {
     }
 
     /// Writes the current node positions at a time into `nodes`, reusing its memory.
-    pub fn nodes_at(&self, time_s: f64, nodes: &mut Vec<[f64; 3]>) {
+    pub fn nodes_at(&self, time_s: f64, nodes: &mut Nodes) {
         let amplitude = self.amplitude_at(time_s);
         nodes.clear();
         nodes.extend(
@@ -174,7 +177,7 @@ impl SceneFile {
         TetMesh::over_affine_box(&box_of(volume), nodes as usize).at(self, "deform")
     }
 
-    fn mesh_file(&self, path: &Path, spec: &DeformSpec) -> Result<(TetMesh, Option<Vec<[f64; 3]>>), SceneError> {
+    fn mesh_file(&self, path: &Path, spec: &DeformSpec) -> Result<(TetMesh, Option<Nodes>), SceneError> {
         if spec.nodes.is_some() {
             return Err(self.wrong_keys(
                 "deform.nodes",

@@ -1,7 +1,5 @@
 //! In the steady state a frame allocates nothing.
 
-#![allow(unsafe_code, reason = "a global allocator can be had no other way")]
-
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -23,6 +21,7 @@ static CALLS: AtomicU64 = AtomicU64::new(0);
 static HELD: AtomicI64 = AtomicI64::new(0);
 
 // SAFETY: every call goes to the system's allocator with the arguments given; the counters are atomics.
+#[allow(unsafe_code, reason = "`GlobalAlloc` is unsafe by definition")]
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         CALLS.fetch_add(1, Relaxed);

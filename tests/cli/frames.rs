@@ -4,7 +4,6 @@ use insonify::output::sidecar::Sidecar;
 use insonify::tracking::sequence::Sequence;
 use serde_json::json;
 
-use crate::gpu::gpu_or_skip;
 use crate::support::{Bench, Run, SCENE, grey, grey16, names};
 
 /// The scene with a probe that slides 10 mm in two seconds, and a needle.
@@ -77,57 +76,6 @@ fn the_same_scene_gives_the_same_bytes() {
     let (single, double) = (grey(&bench.path("a.png")).1, grey(&bench.path("c.png")).1);
     let furthest = single.iter().zip(&double).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(furthest <= Some(2), "{furthest:?}");
-}
-
-#[test]
-fn a_gpu_is_named_and_shows_the_same_picture() {
-    let bench = Bench::new();
-    if gpu_or_skip("a_gpu_is_named_and_shows_the_same_picture").is_none() {
-        return;
-    }
-    let report = bench.run("render scene.toml --backend gpu --json -o gpu.png").json();
-    assert_eq!(report["backend"], "gpu");
-    assert!(!report["adapter"].as_str().unwrap().is_empty());
-    let auto = bench.run("render scene.toml --json -o auto.png").json();
-    assert_eq!(
-        (&auto["backend"], &auto["adapter"]),
-        (&report["backend"], &report["adapter"])
-    );
-    bench.run("render scene.toml --backend cpu -o cpu.png").text();
-    let [gpu, cpu] = ["gpu.png", "cpu.png"].map(|name| grey(&bench.path(name)).1);
-    let furthest = gpu.iter().zip(&cpu).map(|(a, b)| a.abs_diff(*b)).max();
-    assert!(furthest <= Some(3), "{furthest:?}");
-}
-
-/// A volume of more than 128 MiB exceeds what wgpu's default limits let a pass bind, and all that software Vulkan has.
-#[test]
-fn a_scene_over_the_limits_names_the_limit() {
-    let bench = Bench::new();
-    let Some(gpu) = gpu_or_skip("a_scene_over_the_limits_names_the_limit") else {
-        return;
-    };
-    let limit = gpu.report().limits.max_storage_buffer_binding_size;
-    if limit >= 1 << 31 {
-        println!("SKIPPED: no scene of a test exceeds the {limit} bytes of this adapter's bindings");
-        return;
-    }
-    let lines = limit / (16_384 * 16) + 1;
-    let large = SCENE
-        .replace("samples = 64", "samples = 16384")
-        .replace("lines = 32", &format!("lines = {lines}"));
-    bench.write("large.toml", &format!("{large}[effects]\n"));
-    bench
-        .run("render large.toml --backend gpu")
-        .fails(1, &["max_storage_buffer_binding_size", &limit.to_string()]);
-    assert!(!bench.path("frame.png").exists());
-    let auto = bench.run("render large.toml --json").json();
-    assert_eq!(auto["backend"], "cpu");
-    assert!(
-        auto["warnings"][0]
-            .as_str()
-            .unwrap()
-            .contains("max_storage_buffer_binding_size")
-    );
 }
 
 #[test]
@@ -329,7 +277,7 @@ fn a_probe_that_leaves_the_volume_is_told_of_by_frame() {
     );
     let sidecar = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
     assert!(sidecar("out/frame_0002.json").contains("wholly outside"));
-    assert!(!sidecar("out/frame_0000.json").contains("wholly outside"));
+    assert!(!sidecar("out/frame_0000.json").contains("field of view"));
 }
 
 #[test]

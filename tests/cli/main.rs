@@ -1,5 +1,6 @@
 //! The `insonify` command from outside: what others script against.
 
+mod adapters;
 mod bad_input;
 mod frames;
 #[path = "../support/gpu.rs"]

@@ -70,7 +70,7 @@ fn the_pattern_follows_a_rigid_motion_to_a_tenth_of_a_sample() {
         for (lines, samples) in [(3.0, 0.0), (0.0, 5.0), (0.0, 0.37), (0.45, 0.0), (-1.7, 3.25)] {
             let state = moved(&anatomy, [lines * LINE_MM, samples * SAMPLE_MM, 0.0]);
             let after = synthesizer.render_until("speckle_lateral", &state).expect("a beam");
-            let (near_line, near_sample) = ((lines as f64).round() as i64, (samples as f64).round() as i64);
+            let (near_line, near_sample) = (lines.round() as i64, samples.round() as i64);
             let across: Vec<f64> = (-3..=3)
                 .map(|lag| lagged(&still, &after, near_line + lag, near_sample))
                 .collect();

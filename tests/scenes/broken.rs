@@ -90,7 +90,7 @@ fn values(text: &str) -> Vec<std::ops::Range<usize>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
     #[test]
     fn bytes_deleted_or_flipped(text in texts(), at in any::<prop::sample::Index>(), span in 0usize..30, bit in 0u8..8) {

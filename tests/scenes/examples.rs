@@ -3,13 +3,21 @@
 use std::path::Path;
 
 use insonify::scene::{EXAMPLES, SceneFile};
+use insonify::synth::Frame;
 
-use crate::support::{render, shrink, synthesizer};
+use crate::support::{render, shrink, synthesizer, without_textures};
 
 fn example(name: &str) -> SceneFile {
     let (_, text) = EXAMPLES.iter().find(|(known, _)| *known == name).expect(name);
     let mut file = SceneFile::parse(text, name).expect(name);
     shrink(&mut file);
+    file
+}
+
+/// As [`example`], quicker to render.
+fn quick(name: &str) -> SceneFile {
+    let mut file = example(name);
+    without_textures(&mut file);
     file
 }
 
@@ -33,7 +41,7 @@ fn every_scene_makes_a_picture() {
 
 #[test]
 fn what_a_scene_does_not_name_is_not_made() {
-    let plain = example("default").resolve(Path::new(".")).expect("default");
+    let plain = quick("default").resolve(Path::new(".")).expect("default");
     assert!(plain.anatomy.mesh.is_none() && !plain.settings.has_needle);
     assert!(plain.needle_pose(0, 1).is_none());
     let plan = synthesizer(&plain).plan().report();
@@ -42,7 +50,7 @@ fn what_a_scene_does_not_name_is_not_made() {
         assert!(!passes.contains(&absent), "{absent} in {passes:?}");
         assert!(plan.without.iter().any(|omitted| omitted.name == absent), "{absent}");
     }
-    let needle = example("liver-needle").resolve(Path::new(".")).expect("needle");
+    let needle = quick("liver-needle").resolve(Path::new(".")).expect("needle");
     assert!(needle.anatomy.mesh.is_some() && needle.settings.has_needle);
     let plan = synthesizer(&needle);
     assert!(plan.plan().has("warp") && plan.plan().has("needle"));
@@ -50,23 +58,32 @@ fn what_a_scene_does_not_name_is_not_made() {
 
 #[test]
 fn the_needle_scene_shows_its_needle() {
-    let with = example("liver-needle");
+    let with = quick("liver-needle");
     let mut without = with.clone();
     without.needle = None;
     let [with, without] = [with, without].map(|file| file.resolve(Path::new(".")).expect("scene"));
     let [shown, hidden] = [&with, &without].map(|scene| render(scene, &mut synthesizer(scene), 0, 1));
-    let brighter = shown
-        .pixels
-        .iter()
-        .zip(&hidden.pixels)
-        .filter(|(a, b)| **a > b.saturating_add(60))
-        .count();
-    assert!(brighter > 30, "{brighter} pixels");
+    let to_image = shown.image_to_world.try_inverse().expect("image");
+    let shaft = with.needle_pose(0, 1).expect("needle");
+    // From the tip back to the skin.
+    let (tip, back) = (shaft.tip_mm(), shaft.direction().into_inner());
+    let along = |frame: &Frame| {
+        let greys = (0..40).map(|mm| {
+            let pixel = to_image.transform_point(&(tip - back * f64::from(mm)));
+            f64::from(frame.pixels[pixel.y.round() as usize * frame.width + pixel.x.round() as usize])
+        });
+        greys.sum::<f64>() / 40.0
+    };
+    let (with, without) = (along(&shown), along(&hidden));
+    assert!(
+        with > without + 40.0,
+        "mean grey {with} with the needle, {without} without"
+    );
 }
 
 #[test]
 fn a_sweep_shows_different_places() {
-    let scene = example("sweep").resolve(Path::new(".")).expect("sweep");
+    let scene = quick("sweep").resolve(Path::new(".")).expect("sweep");
     assert_eq!(scene.frames(), 24);
     let mut synthesizer = synthesizer(&scene);
     let first = render(&scene, &mut synthesizer, 0, 24);

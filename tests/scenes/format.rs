@@ -34,9 +34,41 @@ fn the_default_scene_writes_the_defaults() {
 }
 
 #[test]
+fn comments_state_the_defaults_that_are_written() {
+    let (_, from_image) = DEFAULT.split_once("[image]").expect("image");
+    let mut compared = 0;
+    for line in from_image.lines().filter(|line| !line.starts_with('#')) {
+        let Some((code, comment)) = line.split_once('#') else {
+            continue;
+        };
+        let (Some((_, written)), Some((_, stated))) = (code.split_once('='), comment.rsplit_once("default ")) else {
+            continue;
+        };
+        let [written, stated] = [written, stated].map(|text| text.trim().parse::<toml::Value>().ok());
+        let number = |value: &Option<toml::Value>| match value {
+            Some(toml::Value::Integer(whole)) => Some(*whole as f64),
+            Some(toml::Value::Float(number)) => Some(*number),
+            _ => None,
+        };
+        assert!(
+            number(&written).is_some() == number(&stated).is_some() && (number(&written) == number(&stated)),
+            "{line}"
+        );
+        assert!(number(&written).is_some() || written == stated, "{line}");
+        compared += 1;
+    }
+    assert!(compared > 20, "{compared}");
+}
+
+#[test]
 fn every_key_shown_in_a_comment_is_one() {
     let text = uncommented();
     let file = parse(&text).unwrap_or_else(|error| panic!("{error}"));
+    let effects = file.effects.clone().expect("effects");
+    assert_eq!(
+        (effects.thickness, effects.noise),
+        (Some(Default::default()), Some(Default::default()))
+    );
     let full = serde_json::to_value(&file).expect("json");
     assert!(full["needle"]["bending"]["alpha_per_mm"].is_number());
     assert_eq!(full["deform"]["field"].as_array().map(Vec::len), Some(6));

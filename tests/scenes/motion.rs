@@ -1,7 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
 use insonify::synth::FrameState;
-use nalgebra::{Matrix4, Point3};
+use nalgebra::{Matrix4, Point3, Vector3};
 
 use crate::support::{data, fault, resolve, small};
 
@@ -119,6 +119,9 @@ fn a_recording_gives_a_frame_for_each_valid_pose() {
         "{:?}",
         scene.warnings
     );
+    let placed = resolve(&sequence("tracker_to_world = \"1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1\"")).expect("scene");
+    let moved = placed.probe_pose(3, 21).position_mm() - bare.probe_pose(3, 21).position_mm();
+    assert!((moved - Vector3::new(5.0, 6.0, 7.0)).norm() < 1e-9, "{moved}");
     // Relative to the reference marker, by a chain of two recorded transforms.
     let chained = resolve(&sequence("transform = \"ProbeToReference\"")).expect("scene");
     assert_ne!(chained.probe_pose(0, 21), bare.probe_pose(0, 21));
@@ -143,7 +146,9 @@ fn invalid_frames_of_a_recording_are_counted() {
         Ok(scene) => scene,
         Err(error) => panic!("{error}"),
     };
-    assert!(scene.frames() > 10 && scene.settings.has_needle);
+    assert_eq!((scene.frames(), scene.settings.has_needle), (85, true));
+    let needle = scene.needle_pose(0, 85).expect("needle");
+    assert!((needle.length_mm() - 150.0).abs() < 1e-9);
     let Some(file) = data("tracked/NwirePhantomFreehand.igs.mha") else {
         return;
     };

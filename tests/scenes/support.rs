@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use insonify::effects::Effects;
 use insonify::scene::{Scene, SceneError, SceneFile};
 use insonify::synth::{Backend, Frame, FrameState, Synthesizer};
 use nalgebra::Matrix4;
@@ -39,6 +40,11 @@ pub fn shrink(file: &mut SceneFile) {
     }
     let image = file.image.get_or_insert_default();
     (image.width, image.height) = (120, 90);
+}
+
+/// Takes the solid textures away, which take seconds to make.
+pub fn without_textures(file: &mut SceneFile) {
+    file.effects.get_or_insert_with(Effects::usual).texture = None;
 }
 
 pub fn synthesizer(scene: &Scene) -> Synthesizer {

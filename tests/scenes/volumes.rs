@@ -5,7 +5,7 @@ use std::path::Path;
 use insonify::scene::SceneFile;
 use insonify::volume::complete::Unlabelled;
 
-use crate::support::{data, fault, render, resolve, shrink, small, synthesizer};
+use crate::support::{data, fault, render, resolve, shrink, small, synthesizer, without_textures};
 
 #[test]
 fn a_label_file_alone_is_a_scene() {
@@ -14,6 +14,7 @@ fn a_label_file_alone_is_a_scene() {
     };
     let mut file = SceneFile::for_labels(&path);
     shrink(&mut file);
+    without_textures(&mut file);
     let scene = file.resolve(Path::new("")).expect("scene");
     let notes = scene.notes.join("\n");
     assert!(
@@ -41,6 +42,7 @@ fn a_body_without_air_around_it_still_makes_a_picture() {
     };
     let mut file = SceneFile::for_labels(&path);
     shrink(&mut file);
+    without_textures(&mut file);
     file.volume.as_mut().expect("volume").unlabelled = Some(Unlabelled::Tissue);
     let scene = file.resolve(Path::new("")).expect("scene");
     assert!(
