@@ -95,20 +95,17 @@ fn lateral_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     let centre = i32(id.y * params.oversampling);
     let last = i32((params.lines - 1u) * params.oversampling);
     var sum = vec2<f32>(0.0);
-    var kept = 0.0;
-    var all = 0.0;
     for (var tap = 0; tap <= 2 * reach; tap++) {
-        let weight = weights[u32(tap) * params.samples + id.x];
         let fine = centre + tap - reach;
-        all += weight * weight;
         if fine >= 0 && fine <= last {
-            sum += weight * echoes[u32(fine) * params.samples + id.x];
-            kept += weight * weight;
+            sum += weights[u32(tap) * params.samples + id.x] * echoes[u32(fine) * params.samples + id.x];
         }
     }
     var scale = 1.0;
-    if centre < reach || centre + reach > last {
-        scale = sqrt(all / kept);
+    let from_side = min(id.y, params.lines - 1u - id.y);
+    if from_side * params.oversampling < params.lateral_reach {
+        // Behind the kernel: per scanline from a side and per sample, what makes up for the taps beyond that side.
+        scale = weights[(2u * params.lateral_reach + 1u + from_side) * params.samples + id.x];
     }
     envelope[id.y * params.samples + id.x] = length(sum) * scale;
 }

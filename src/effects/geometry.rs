@@ -4,6 +4,7 @@
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
 use rayon::prelude::*;
 
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
@@ -46,7 +47,7 @@ fn wanted(_: &Tables) -> Verdict {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {
     /// First three rows of the probe-to-world transform.
-    pub probe_to_world: [[f32; 4]; 3],
+    pub probe_to_world: [Vec4; 3],
     /// Scanlines.
     pub lines: u32,
     /// Samples along a scanline.
@@ -60,7 +61,7 @@ pub struct Params {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     ParamBlock::of(&Params {
-        probe_to_world: rows(&view.state.probe_to_world),
+        probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         sample_mm: tables.sample_mm() as f32,

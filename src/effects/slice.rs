@@ -5,6 +5,7 @@
 //! segmentations. Samples outside the volume, or flagged as background by the warp, are background (label index 0).
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -78,7 +79,7 @@ fn wanted(_: &Tables) -> Verdict {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {
     /// First three rows of the world-to-index transform.
-    pub world_to_index: [[f32; 4]; 3],
+    pub world_to_index: [Vec4; 3],
     /// Voxels along each axis.
     pub size: [u32; 3],
     /// 1 to vote, 0 for the nearest voxel.
@@ -94,7 +95,7 @@ pub struct Params {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     ParamBlock::of(&Params {
-        world_to_index: rows(tables.volume.world_to_index()),
+        world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
         vote: u32::from(tables.settings.effects.slice.boundary == Boundary::Vote),
         lines: tables.lines() as u32,

@@ -4,6 +4,7 @@
 //! is power. Labels, shadows and speckle stay those of the central plane.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -104,7 +105,7 @@ fn wanted(tables: &Tables) -> Verdict {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {
     /// Weights of the sub-planes, four to a vector.
-    pub weights: [[f32; 4]; 3],
+    pub weights: [Vec4; 3],
     /// Samples in a plane.
     pub count: u32,
     /// Sub-planes.
@@ -129,7 +130,7 @@ fn params(view: &View, band: Band) -> ParamBlock {
     let tables = view.tables;
     let w = weights::<f32>(tables);
     ParamBlock::of(&Params {
-        weights: [0, 4, 8].map(|at| [w[at], w[at + 1], w[at + 2], w[at + 3]]),
+        weights: [0, 4, 8].map(|at| Vec4::new(w[at], w[at + 1], w[at + 2], w[at + 3])),
         count: (tables.lines() * tables.samples()) as u32,
         planes: tables.planes() as u32,
         stride: (PASSES[0].workgroups)(tables, band)[0] * 64,

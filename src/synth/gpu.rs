@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 use super::layers::Beam;
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
+use glam::{DVec4, Vec4};
+
 use crate::effects::needle;
 use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
@@ -59,7 +61,7 @@ pub struct GpuExecutor {
     texture: Option<TextureOut>,
     warp: Option<Warp>,
     segments: Vec<[[f64; 4]; 2]>,
-    segments_f32: Vec<[[f32; 4]; 2]>,
+    segments_f32: Vec<[Vec4; 2]>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
@@ -354,8 +356,11 @@ impl GpuExecutor {
         if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
             needle::segments(&view, &mut self.segments);
             self.segments_f32.clear();
-            self.segments_f32
-                .extend(self.segments.iter().map(|ends| ends.map(|end| end.map(|x| x as f32))));
+            self.segments_f32.extend(
+                self.segments
+                    .iter()
+                    .map(|ends| ends.map(|end| DVec4::from(end).as_vec4())),
+            );
             buffer.write(&self.gpu, 0, &self.segments_f32)?;
         }
         for (slot, step) in self.steps.iter().enumerate() {
@@ -510,10 +515,9 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
         Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
             floats(&[speckle.axial.of::<f32>(), speckle.ends.of()].concat())
         }),
-        Resource::LateralKernel => tables
-            .speckle
-            .as_ref()
-            .map_or(Vec::new(), |speckle| floats(speckle.lateral.weights.of())),
+        Resource::LateralKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
+            floats(&[speckle.lateral.weights.of::<f32>(), speckle.edges.of()].concat())
+        }),
         Resource::BlurKernel => tables
             .blur
             .as_ref()

@@ -290,10 +290,9 @@ impl Tables {
                     .as_ref()
                     .map_or(0, |speckle| (speckle.axial.of::<f32>().len() + self.samples()) * 4) as u64
             }
-            Resource::LateralKernel => self
-                .speckle
-                .as_ref()
-                .map_or(0, |speckle| depth_kernel(speckle.lateral.reach)),
+            Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| {
+                depth_kernel(speckle.lateral.reach) + 4 * speckle.edges.of::<f32>().len() as u64
+            }),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
             Resource::Needle => (MAX_SEGMENTS * 32) as u64,

@@ -93,19 +93,19 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     for line in 0..lines {
         let centre = line * over;
         for sample in 0..samples {
-            let (mut sum, mut kept, mut all) = ([0.0; 2], 0.0, 0.0);
+            let mut sum = [0.0; 2];
             for (tap, weight) in own.lateral.at(sample).enumerate() {
-                all += weight * weight;
                 if let Some(fine) = (centre + tap).checked_sub(reach).filter(|&fine| fine < fine_lines) {
                     sum = add(sum, weight.abs(), spread[fine * samples + sample]);
-                    kept += weight * weight;
                 }
             }
             let taps = 2 * reach + 1;
             let [off, size] = rounded(sum, taps);
-            let scale = (all / kept).sqrt();
-            // The modulus, a root of a sum of two squares; at the edges the root of a quotient of two sums, too.
-            let modulus = ROOT + 2.0 * ULP + ROOT + 0.5 * DIVIDE + (taps as f64 + 2.5) * ULP;
+            let scale = own
+                .edge(line, lines)
+                .map_or(1.0, |row| own.edges.of::<f64>()[row * samples + sample]);
+            // The modulus, a root of a sum of two squares; at the edges times a stored factor.
+            let modulus = ROOT + 2.0 * ULP + 1.5 * ULP;
             slack.amplitude[line * samples + sample] = scale * (off + modulus * size);
         }
     }

@@ -1,6 +1,7 @@
 //! The elevational point spread: how many sub-planes the scatterers are gathered from, how far apart, with which weights.
 
-use super::{MAX_PLANES, lattice_correlation};
+use super::power::lattice_correlation;
+use super::tables::MAX_PLANES;
 
 /// Sub-planes and their distance.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,12 @@
-//! `shaders/warp.wgsl` against the CPU locator, sample by sample, on whatever adapter there is.
+//! `shaders/warp.wgsl` alone against the CPU locator, sample by sample and frame after frame, on meshes that fold and break.
 
+use insonify::gpu::Gpu;
 use insonify::mechanics::mesh::map::{BACKGROUND, FOLDED, MAPPED, OUTSIDE, map_lines};
 use insonify::mechanics::mesh::pack::WarpBuffers;
 use insonify::mechanics::mesh::{Displacement, Locator, NONE, TetMesh};
 use wgpu::util::DeviceExt;
+
+use crate::support::gpu::gpu_or_skip;
 
 /// Positions are below 128 mm, where f32 holds them to 8e-6 mm; a fused multiply-add or another order of sums moves the result
 /// by a few of these times the stretch of the field, which is below 4 outside folds.
@@ -17,23 +20,18 @@ const SAMPLES: usize = 128;
 type Sample = [f32; 4];
 
 struct Shader {
-    device: wgpu::Device,
-    queue: wgpu::Queue,
+    gpu: Gpu,
     pipeline: wgpu::ComputePipeline,
 }
 
 impl Shader {
-    fn new() -> Option<Shader> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).ok()?;
-        let (device, queue) =
-            pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).expect("a device");
-        let source = wgpu::ShaderSource::Wgsl(include_str!("../shaders/warp.wgsl").into());
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+    fn new(gpu: Gpu) -> Shader {
+        let source = wgpu::ShaderSource::Wgsl(include_str!("../../shaders/warp.wgsl").into());
+        let module = gpu.device().create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("warp"),
             source,
         });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let pipeline = gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some("warp"),
             layout: None,
             module: &module,
@@ -41,18 +39,15 @@ impl Shader {
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         });
-        Some(Shader {
-            device,
-            queue,
-            pipeline,
-        })
+        Shader { gpu, pipeline }
     }
 
     fn run(&self, buffers: &WarpBuffers, positions: &mut Vec<Sample>, elements: &mut Vec<u32>) {
         use wgpu::BufferUsages as Usage;
         let make = |label, contents: &[u8], usage| {
             let label = Some(label);
-            self.device
+            self.gpu
+                .device()
                 .create_buffer_init(&wgpu::util::BufferInitDescriptor { label, contents, usage })
         };
         let both = Usage::STORAGE | Usage::COPY_SRC;
@@ -73,13 +68,14 @@ impl Shader {
                 resource: buffer.as_entire_binding(),
             })
             .collect();
-        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        let group = self.gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("warp"),
             layout: &self.pipeline.get_bind_group_layout(0),
             entries: &entries,
         });
         let mut encoder = self
-            .device
+            .gpu
+            .device()
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
@@ -90,7 +86,7 @@ impl Shader {
         let reads: Vec<wgpu::Buffer> = bound[1..3]
             .iter()
             .map(|source| {
-                let read = self.device.create_buffer(&wgpu::BufferDescriptor {
+                let read = self.gpu.device().create_buffer(&wgpu::BufferDescriptor {
                     label: Some("read"),
                     size: source.size(),
                     usage: Usage::MAP_READ | Usage::COPY_DST,
@@ -100,11 +96,12 @@ impl Shader {
                 read
             })
             .collect();
-        self.queue.submit([encoder.finish()]);
+        self.gpu.queue().submit([encoder.finish()]);
         for read in &reads {
             read.map_async(wgpu::MapMode::Read, .., |result| result.expect("mapped"));
         }
-        self.device
+        self.gpu
+            .device()
             .poll(wgpu::PollType::Wait {
                 submission_index: None,
                 timeout: None,
@@ -127,9 +124,8 @@ fn fan() -> Vec<Sample> {
 }
 
 #[test]
-fn shader_and_cpu_give_the_same_samples() {
-    let Some(shader) = Shader::new() else {
-        println!("SKIPPED: no graphics adapter");
+fn broken_meshes_give_the_same_samples() {
+    let Some(shader) = gpu_or_skip("the warp shader on broken meshes").map(Shader::new) else {
         return;
     };
     let mesh = TetMesh::over_box([-40.0, 0.0, -20.0], [40.0, 70.0, 20.0], 1500).unwrap();

@@ -1,0 +1,183 @@
+//! Complex echoes of the scatterers around each sample, gathered across the plane.
+
+use rayon::prelude::*;
+
+use super::BLOCK;
+use super::tables::MAX_PLANES;
+use crate::effects::pass::View;
+use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
+use crate::real::Real;
+use crate::simd::{Kernel, vectorised};
+use crate::synth::store::Store;
+
+pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let lattice = Lattice {
+        seed: seed_words(tables.settings.seed),
+        per_mm: T::of(1.0 / own.lattice_mm),
+        step: [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm)),
+        planes: std::array::from_fn(|plane| T::of(own.planes.get(plane).copied().unwrap_or(0.0))),
+        count: own.planes.len(),
+    };
+    let positions = &store.position[..lines * samples];
+    let amplitudes = &store.amplitude[..lines * samples];
+    // A fine scanline holds its real parts, then its imaginary parts.
+    store
+        .scatter
+        .par_chunks_mut(2 * samples)
+        .enumerate()
+        .for_each(|(fine, echoes)| {
+            let line = fine / own.oversampling;
+            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let next = (line + 1).min(lines - 1);
+            let nearest = (line
+                + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0))
+            .min(lines - 1);
+            let (a, b) = (
+                &positions[line * samples..][..samples],
+                &positions[next * samples..][..samples],
+            );
+            let amplitudes = &amplitudes[nearest * samples..][..samples];
+            vectorised(FineScanline {
+                lattice: &lattice,
+                between: [a, b],
+                part,
+                amplitudes,
+                echoes,
+            });
+        });
+}
+
+/// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
+/// imaginary parts.
+struct FineScanline<'a, T> {
+    lattice: &'a Lattice<T>,
+    between: [&'a [[T; 4]]; 2],
+    part: T,
+    amplitudes: &'a [T],
+    echoes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for FineScanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            lattice,
+            between: [a, b],
+            part,
+            amplitudes,
+            echoes,
+        } = self;
+        let samples = amplitudes.len();
+        let (re, im) = echoes.split_at_mut(samples);
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let mut at = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in start..end {
+                    at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                }
+            }
+            lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
+        }
+    }
+}
+
+/// The scatterers, seen across the plane.
+pub struct Lattice<T> {
+    /// Seed.
+    pub seed: [u32; 2],
+    /// Lattice points per mm.
+    pub per_mm: T,
+    /// From one sub-plane to the next, mm.
+    pub step: [T; 3],
+    /// Weights of the sub-planes.
+    pub planes: [T; MAX_PLANES],
+    /// Sub-planes.
+    pub count: usize,
+}
+
+impl<T: Real> Lattice<T> {
+    /// Complex echoes at up to [`BLOCK`] positions.
+    #[inline(always)]
+    fn block(&self, at: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
+        let (mut sum_re, mut sum_im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        let middle = T::of((self.count - 1) as f64 / 2.0);
+        for plane in 0..self.count {
+            let offset = self.step.map(|step| step * (T::of(plane as f64) - middle));
+            let mut p = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in 0..BLOCK {
+                    p[axis][i] = (at[axis][i] + offset[axis]) * self.per_mm;
+                }
+            }
+            let (a, b) = scatterers(&p, self.seed);
+            for i in 0..BLOCK {
+                sum_re[i] += self.planes[plane] * a[i];
+                sum_im[i] += self.planes[plane] * b[i];
+            }
+        }
+        for i in 0..amplitudes.len() {
+            re[i] = amplitudes[i] * sum_re[i];
+            im[i] = amplitudes[i] * sum_im[i];
+        }
+    }
+}
+
+/// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly weighted, over
+/// the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector registers.
+#[inline(always)]
+fn scatterers<T: Real>(p: &[[T; BLOCK]; 3], seed: [u32; 2]) -> ([T; BLOCK], [T; BLOCK]) {
+    let mut side = [[[T::zero(); BLOCK]; 2]; 3];
+    let mut step = [[[0u32; BLOCK]; 2]; 3];
+    let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); BLOCK];
+    for axis in 0..3 {
+        for i in 0..BLOCK {
+            let base = floor(p[axis][i]);
+            let f = p[axis][i] - T::from_signed(base);
+            let g = T::one() - f;
+            side[axis][0][i] = g;
+            side[axis][1][i] = f;
+            step[axis][0][i] = pcg_step(seeded(axis, base, seed));
+            step[axis][1][i] = pcg_step(seeded(axis, base.wrapping_add(1), seed));
+            scale[i] /= f * f + g * g;
+        }
+    }
+    let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+    for corner in 0..8 {
+        let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];
+        for i in 0..BLOCK {
+            let words = pcg_mix([step[0][x][i], step[1][y][i], step[2][z][i]]);
+            let weight = side[0][x][i] * side[1][y][i] * side[2][z][i];
+            re[i] += weight * centred(words[0]);
+            im[i] += weight * centred(words[1]);
+        }
+    }
+    for i in 0..BLOCK {
+        let scale = scale[i].sqrt();
+        re[i] *= scale;
+        im[i] *= scale;
+    }
+    (re, im)
+}
+
+/// Two uniform numbers of width 65,536 as the parts of a complex number of unit power: sqrt(12 / 2) / 65,536.
+const UNIFORM_TO_UNIT: f64 = 2.449_489_742_783_178 / 65_536.0;
+
+/// Upper half of a word, centred on zero.
+#[inline(always)]
+fn centred<T: Real>(word: u32) -> T {
+    T::from_signed((word >> 16) as i32 - 32_768) + T::of(0.5)
+}
+
+/// Largest integer not above `x`, for |x| below 2^31.
+#[inline(always)]
+fn floor<T: Real>(x: T) -> i32 {
+    let cut = x.truncate();
+    cut.wrapping_sub(i32::from(x < T::from_signed(cut)))
+}

@@ -1,0 +1,130 @@
+//! Lattice, kernels and factors of the speckle of one probe at one setting.
+
+use rayon::prelude::*;
+
+use super::Speckle;
+use super::elevation::Elevation;
+use super::power::{lattice_correlation, power, restored, unit_power};
+use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH, gaussian};
+use crate::real::Numbers;
+use crate::tracking::probe::BeamGrid;
+
+/// What the speckle of a probe at one setting needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpeckleTables {
+    /// Distance between lattice points, mm.
+    pub lattice_mm: f64,
+    /// Fine scanlines to each scanline.
+    pub oversampling: usize,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f64,
+    /// Weights of the sub-planes, from the most negative elevation to the most positive.
+    pub planes: Vec<f64>,
+    /// Weights along the beam.
+    pub axial: Numbers,
+    /// Per sample: factor that makes up for what the axial kernel finds nothing to weigh, near the ends of a scanline.
+    pub ends: Numbers,
+    /// Weights across fine scanlines.
+    pub lateral: LateralKernel,
+    /// Factors that make up for what the lateral kernel finds nothing to weigh beyond the outermost scanlines: from either
+    /// side inwards, a scanline after the other, each a row over the sample depths.
+    pub edges: Numbers,
+}
+
+/// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
+/// takes 3/8 of the spread's variance (h^2 / 6), which the kernels then leave out.
+const LATTICE_PER_SIGMA: f64 = 1.5;
+
+/// Most sub-planes that the uniform block holds.
+pub(super) const MAX_PLANES: usize = 8;
+
+/// Most fine scanlines to a scanline.
+const MAX_OVERSAMPLING: usize = 4;
+
+/// Widest axial kernel to each side, in samples.
+const MAX_AXIAL_REACH: usize = 64;
+
+/// Scanlines further apart than this many lattice distances are refined.
+const COARSEST: f64 = 1.4;
+
+impl SpeckleTables {
+    /// Computes lattice, kernels and scales for a probe.
+    pub fn new(speckle: &Speckle, grid: &BeamGrid) -> Self {
+        let shortest = speckle.axial_mm.min(speckle.lateral_mm).min(speckle.elevational_mm) / FWHM_PER_SIGMA;
+        let lattice_mm = LATTICE_PER_SIGMA * shortest;
+        let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
+        // What is left for a kernel once the interpolation of the lattice has had its share of the variance.
+        let left = |length_mm: f64| {
+            let sigma = length_mm / FWHM_PER_SIGMA;
+            (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
+        };
+
+        let elevation = Elevation::of_width(speckle.elevational_mm / lattice_mm);
+        let plane_mm = elevation.apart * lattice_mm;
+        let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
+
+        let sample_mm = grid.sample_spacing_mm();
+        let axial_sigma = left(speckle.axial_mm) / sample_mm;
+        let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
+        let along = |steps: f64| correlation(steps * sample_mm);
+        let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
+        let ends = (0..grid.samples())
+            .map(|sample| restored(&axial, sample, grid.samples(), along))
+            .collect();
+
+        let widest = grid
+            .lateral_spacing_mm(grid.depth_mm())
+            .max(grid.lateral_spacing_mm(0.0));
+        let oversampling = if grid.lines() == 1 {
+            1
+        } else {
+            ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
+        };
+        let fine_mm =
+            |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
+        let sigma = |sample: usize| {
+            let asked = left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm()));
+            // A kernel cut short at its widest reach keeps a Gaussian's shape if its width stays below a third of it.
+            (asked / fine_mm(sample)).min(MAX_REACH as f64 / 3.0)
+        };
+        let scale =
+            |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
+        let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
+        let fine_lines = (grid.lines() - 1) * oversampling + 1;
+        let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.at(sample).collect()).collect();
+        let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
+        let edges = (0..edge_lines * grid.samples())
+            .into_par_iter()
+            .map(|at| {
+                let (line, sample) = (at / grid.samples(), at % grid.samples());
+                let across = |steps: f64| correlation(steps * fine_mm(sample));
+                restored(&by_depth[sample], line * oversampling, fine_lines, across)
+            })
+            .collect();
+        Self {
+            lattice_mm,
+            oversampling,
+            plane_mm,
+            planes,
+            axial: Numbers::new(axial),
+            ends: Numbers::new(ends),
+            lateral,
+            edges: Numbers::new(edges),
+        }
+    }
+
+    /// Fine scanlines.
+    pub fn fine_lines(&self, lines: usize) -> usize {
+        (lines - 1) * self.oversampling + 1
+    }
+
+    /// Place of a scanline's row of [`SpeckleTables::edges`], if the lateral kernel reaches past the array there.
+    pub fn edge(&self, line: usize, lines: usize) -> Option<usize> {
+        let from_side = line.min(lines - 1 - line);
+        (from_side * self.oversampling < self.lateral.reach).then_some(from_side)
+    }
+
+    pub(super) fn axial_reach(&self) -> usize {
+        self.axial.of::<f64>().len() / 2
+    }
+}
