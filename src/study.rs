@@ -9,5 +9,6 @@
 pub mod bench;
 pub mod inspect;
 pub mod machine;
+pub mod plot;
 #[cfg(test)]
 pub(crate) mod testing;

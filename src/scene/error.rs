@@ -34,6 +34,9 @@ pub struct SceneError(Box<Inner>);
 struct Inner {
     problem: Problem,
     key: Option<String>,
+    /// Name of the scene file.
+    file: Option<String>,
+    /// Where in it the key is written.
     place: Option<Place>,
     help: Option<String>,
 }
@@ -174,16 +177,16 @@ impl SceneError {
         Self(Box::new(Inner {
             problem: problem.into(),
             key: None,
+            file: None,
             place: None,
             help: None,
         }))
     }
 
     pub(super) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
-        self.0.place = span.map(|span| Place {
-            source: Arc::clone(source),
-            span,
-        });
+        let source = Arc::clone(source);
+        self.0.file = Some(source.name().to_owned());
+        self.0.place = span.map(|span| Place { source, span });
         self
     }
 
@@ -235,7 +238,7 @@ impl fmt::Display for SceneError {
         write!(f, "{}", self.0.problem)?;
         match self.location() {
             Some((name, line)) => write!(f, " ({name}, line {line})"),
-            None => Ok(()),
+            None => self.0.file.as_ref().map_or(Ok(()), |name| write!(f, " ({name})")),
         }
     }
 }
