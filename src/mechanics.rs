@@ -1,3 +1,4 @@
-//! Mechanics in f64: tetrahedral meshes and point location.
+//! Mechanics in f64: tetrahedral meshes, point location, and tissue that deforms.
 
 pub mod mesh;
+pub mod tissue;

@@ -1,0 +1,19 @@
+//! Tissue as linear elastic tetrahedra: K u = f, with displacements in mm and forces in N.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`material`] | Young's modulus and Poisson's ratio, by region |
+//! | [`element`] | the stiffness of one tetrahedron |
+//! | [`dofs`] | which degrees of freedom are free and which prescribed |
+//! | [`assembly`] | the sparse stiffness matrix |
+//! | [`factor`] | its Cholesky factor, and solutions with their residual |
+//! | [`rigid`] | the rigid motions that the fixed nodes leave |
+//! | [`problem`] | a static problem, checked and solved |
+
+pub mod assembly;
+pub mod dofs;
+pub mod element;
+pub mod factor;
+pub mod material;
+pub mod problem;
+pub mod rigid;

@@ -1,0 +1,169 @@
+//! Where the entries of a stiffness matrix are, and which of them each element adds to.
+
+use faer::sparse::SymbolicSparseColMat;
+
+use super::AssemblyError;
+use crate::mechanics::tissue::dofs::{Dofs, NONE};
+
+/// The pairs of an element's corners, in the order of [`Pattern::places`].
+pub const PAIRS: [(usize, usize); 10] = [
+    (0, 0),
+    (0, 1),
+    (0, 2),
+    (0, 3),
+    (1, 1),
+    (1, 2),
+    (1, 3),
+    (2, 2),
+    (2, 3),
+    (3, 3),
+];
+
+/// Place of each pair of corners in [`PAIRS`].
+const PAIR_OF: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
+
+/// Pairs of nodes that share an element, one block each: in the column of the lower node, the rows of the higher, ascending.
+/// Every node is paired with itself.
+#[derive(Debug)]
+pub struct Pattern {
+    /// Where the blocks of each node's column begin; one more at the end.
+    starts: Vec<u32>,
+    /// The node of each block's rows.
+    rows: Vec<u32>,
+    /// For each element the blocks that it adds to.
+    places: Vec<[u32; 10]>,
+    /// The lower triangle over the free degrees of freedom.
+    pub lower: SymbolicSparseColMat<u32>,
+}
+
+impl Pattern {
+    pub fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, AssemblyError> {
+        // Nine entries a block, and four times an element's number, stay below this.
+        let limit = i32::MAX as usize;
+        if elements.len() > limit / 9 {
+            return Err(AssemblyError::TooLarge { limit });
+        }
+        let nodes = dofs.nodes();
+        let (firsts, corners) = corners_by_node(elements, nodes);
+        let mut starts = Vec::with_capacity(nodes + 1);
+        let mut rows = Vec::with_capacity(8 * nodes);
+        let mut places = vec![[0; 10]; elements.len()];
+        // The column that met a node last, and the block of that meeting.
+        let mut met = vec![(NONE, 0); nodes];
+        for column in 0..nodes as u32 {
+            let around = &corners[firsts[column as usize] as usize..firsts[column as usize + 1] as usize];
+            let start = rows.len();
+            starts.push(start as u32);
+            rows.push(column);
+            met[column as usize].0 = column;
+            for &corner in around {
+                for &row in &elements[corner as usize / 4] {
+                    if row > column && met[row as usize].0 != column {
+                        met[row as usize].0 = column;
+                        rows.push(row);
+                    }
+                }
+            }
+            rows[start..].sort_unstable();
+            for (at, &row) in rows.iter().enumerate().skip(start) {
+                met[row as usize].1 = at as u32;
+            }
+            for &corner in around {
+                let (element, own) = (corner as usize / 4, corner as usize % 4);
+                for (other, &row) in elements[element].iter().enumerate() {
+                    if row >= column {
+                        places[element][PAIR_OF[own][other]] = met[row as usize].1;
+                    }
+                }
+            }
+        }
+        starts.push(rows.len() as u32);
+        if rows.len() > limit / 9 {
+            return Err(AssemblyError::TooLarge { limit });
+        }
+        let mut pattern = Pattern {
+            starts,
+            rows,
+            places,
+            lower: SymbolicSparseColMat::new_checked(0, 0, vec![0], None, Vec::new()),
+        };
+        pattern.lower = pattern.entries_of(dofs);
+        Ok(pattern)
+    }
+
+    fn entries_of(&self, dofs: &Dofs) -> SymbolicSparseColMat<u32> {
+        let free = dofs.free();
+        let mut starts = vec![0; free + 1];
+        let mut rows = Vec::with_capacity(9 * self.rows.len());
+        self.for_each_entry(dofs, |row, column, _, _| {
+            rows.push(row);
+            starts[column as usize + 1] = rows.len() as u32;
+        });
+        SymbolicSparseColMat::new_checked(free, free, starts, None, rows)
+    }
+
+    /// Calls `entry` with row, column, block and place in the block, for each entry of the lower triangle in its order.
+    #[inline]
+    pub fn for_each_entry(&self, dofs: &Dofs, mut entry: impl FnMut(u32, u32, usize, (usize, usize))) {
+        for node in 0..dofs.nodes() as u32 {
+            let span = self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize;
+            for (j, column) in dofs
+                .of(node)
+                .into_iter()
+                .enumerate()
+                .filter(|(_, column)| *column != NONE)
+            {
+                for at in span.clone() {
+                    for (i, row) in dofs.of(self.rows[at]).into_iter().enumerate() {
+                        // Numbers ascend with node and axis: this leaves out what lies above the diagonal.
+                        if row != NONE && row >= column {
+                            entry(row, column, at, (i, j));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Number of entries of the lower triangle.
+    pub fn entries(&self) -> usize {
+        self.lower.row_idx().len()
+    }
+
+    /// Number of pairs of nodes.
+    pub fn pairs(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// For each element the blocks that its pairs of corners add to.
+    pub fn places(&self) -> &[[u32; 10]] {
+        &self.places
+    }
+
+    /// All blocks: column node, row node, number.
+    pub fn blocks(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        self.starts.windows(2).enumerate().flat_map(move |(column, span)| {
+            (span[0] as usize..span[1] as usize).map(move |at| (column, self.rows[at] as usize, at))
+        })
+    }
+}
+
+/// For each node where its corners begin in the list beside, one more at the end; a corner is four times its element plus
+/// its place there.
+fn corners_by_node(elements: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut firsts = vec![0u32; nodes + 1];
+    for &node in elements.iter().flatten() {
+        firsts[node as usize + 1] += 1;
+    }
+    for node in 0..nodes {
+        firsts[node + 1] += firsts[node];
+    }
+    let mut next = firsts.clone();
+    let mut corners = vec![0; 4 * elements.len()];
+    for (corner, &node) in elements.iter().flatten().enumerate() {
+        let place = &mut next[node as usize];
+        corners[*place as usize] = corner as u32;
+        *place += 1;
+    }
+    (firsts, corners)
+}

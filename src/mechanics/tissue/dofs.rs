@@ -1,0 +1,98 @@
+//! Degrees of freedom: three displacements a node, each free or prescribed.
+
+pub use crate::mechanics::mesh::NONE;
+
+/// Which displacements are free, and their numbers in the reduced system: ascending by node, then axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dofs {
+    of: Vec<[u32; 3]>,
+    free: Vec<(u32, u8)>,
+}
+
+impl Dofs {
+    /// The degrees of freedom of `nodes` nodes, those in `fixed` (node from 0, axis 0 to 2) prescribed. Naming one twice
+    /// changes nothing.
+    ///
+    /// # Panics
+    /// If a node or an axis is out of range, or three times `nodes` does not fit 32 bits.
+    pub fn new(nodes: usize, fixed: impl IntoIterator<Item = (u32, u8)>) -> Dofs {
+        assert!(
+            nodes < (u32::MAX / 3) as usize,
+            "{nodes} nodes outnumber 32-bit degrees of freedom"
+        );
+        let mut of = vec![[0; 3]; nodes];
+        for (node, axis) in fixed {
+            of[node as usize][axis as usize] = NONE;
+        }
+        let mut free = Vec::with_capacity(3 * nodes);
+        for (node, dofs) in of.iter_mut().enumerate() {
+            for (axis, dof) in dofs.iter_mut().enumerate() {
+                if *dof != NONE {
+                    *dof = free.len() as u32;
+                    free.push((node as u32, axis as u8));
+                }
+            }
+        }
+        Dofs { of, free }
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.of.len()
+    }
+
+    /// Number of free degrees of freedom: the size of the reduced system.
+    pub fn free(&self) -> usize {
+        self.free.len()
+    }
+
+    /// Numbers of a node's degrees of freedom along x, y and z, [`NONE`] where prescribed.
+    ///
+    /// # Panics
+    /// If the node is out of range.
+    pub fn of(&self, node: u32) -> [u32; 3] {
+        self.of[node as usize]
+    }
+
+    /// Node and axis of a free degree of freedom.
+    ///
+    /// # Panics
+    /// If the number is out of range.
+    pub fn node_of(&self, dof: u32) -> (u32, u8) {
+        self.free[dof as usize]
+    }
+
+    /// The prescribed degrees of freedom as (node, axis), ascending.
+    pub fn prescribed(&self) -> impl Iterator<Item = (u32, u8)> + '_ {
+        self.of.iter().enumerate().flat_map(|(node, dofs)| {
+            (0..3u8)
+                .filter(|&axis| dofs[axis as usize] == NONE)
+                .map(move |axis| (node as u32, axis))
+        })
+    }
+
+    /// The free entries of a vector over all nodes.
+    ///
+    /// # Panics
+    /// If there is not one entry a node.
+    pub fn gather(&self, all: &[[f64; 3]]) -> Vec<f64> {
+        assert_eq!(all.len(), self.nodes(), "one entry a node");
+        let entry = |&(node, axis): &(u32, u8)| all[node as usize][axis as usize];
+        self.free.iter().map(entry).collect()
+    }
+
+    /// Writes the free entries into a vector over all nodes; the prescribed ones stay as they are.
+    ///
+    /// # Panics
+    /// If there is not one entry a node, or not one value a free degree of freedom.
+    pub fn scatter(&self, free: &[f64], all: &mut [[f64; 3]]) {
+        assert_eq!(all.len(), self.nodes(), "one entry a node");
+        assert_eq!(free.len(), self.free(), "one value a free degree of freedom");
+        for (value, &(node, axis)) in free.iter().zip(&self.free) {
+            all[node as usize][axis as usize] = *value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,264 @@
+//! The Cholesky factor of a stiffness matrix, and solutions with their residual.
+//!
+//! The factorisation is faer's sparse one (approximate minimum degree ordering, simplicial or supernodal as its fill
+//! decides), on one thread: at the sizes of tissue meshes a second one makes it slower.
+
+mod scratch;
+
+use std::sync::Arc;
+
+use faer::linalg::cholesky::llt::factor::LltError;
+use faer::sparse::FaerError;
+use faer::sparse::linalg::cholesky::{
+    LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
+};
+use faer::{Conj, MatMut, Par, Side};
+
+use super::assembly::Stiffness;
+use super::dofs::Dofs;
+use scratch::Scratch;
+
+/// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
+pub const REFINE_ABOVE: f64 = 1e-14;
+
+/// The factor L of K = L L^T, kept with its symbolic analysis so that other values can take the place of the first.
+///
+/// Solves on several threads can share it: each borrows scratch memory that is kept between them, so that none is allocated
+/// once there is as much as is used at a time.
+#[derive(Clone, Debug)]
+pub struct Factor {
+    symbolic: Arc<SymbolicCholesky<u32>>,
+    /// Entries of the lower triangle that was analysed.
+    entries: usize,
+    values: Vec<f64>,
+    /// Takes the values of the next factorisation, so that one that fails leaves the last as it was.
+    spare: Vec<f64>,
+    scratch: Scratch,
+}
+
+/// Why there is no factor.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FactorError {
+    /// A pivot is zero, negative or no number.
+    #[error(
+        "the stiffness matrix is not positive definite to working precision: no usable pivot at node {node}, axis {}; look for \
+         parts that can move freely, for nearly flat tetrahedra and for extreme contrasts of stiffness near that node",
+        ["x", "y", "z"][*.axis as usize % 3]
+    )]
+    NotPositiveDefinite {
+        /// Node of the degree of freedom that the pivot belongs to.
+        node: u32,
+        /// Its axis, 0 to 2.
+        axis: u8,
+    },
+    /// Memory cannot be had, or not be named by 32-bit indices.
+    #[error("the Cholesky factor of {size} degrees of freedom does not fit into memory{}", needed(.bytes))]
+    Memory {
+        /// Degrees of freedom.
+        size: usize,
+        /// Bytes it needs, where known.
+        bytes: Option<usize>,
+    },
+    /// The matrix to refactor has another pattern.
+    #[error(
+        "a matrix of {found} degrees of freedom and {found_entries} entries has another pattern than the one factored \
+        before ({expected} and {expected_entries})"
+    )]
+    Pattern {
+        /// Degrees of freedom given.
+        found: usize,
+        /// Entries given.
+        found_entries: usize,
+        /// Degrees of freedom of the factor.
+        expected: usize,
+        /// Entries of the matrix that was factored.
+        expected_entries: usize,
+    },
+}
+
+fn needed(bytes: &Option<usize>) -> String {
+    bytes.map_or(String::new(), |bytes| {
+        format!(": it needs {} MiB", bytes.div_ceil(1 << 20))
+    })
+}
+
+impl Factor {
+    /// Analyses and factors a stiffness matrix.
+    ///
+    /// # Errors
+    /// [`FactorError`] where it is not positive definite or does not fit into memory.
+    pub fn new(stiffness: &Stiffness) -> Result<Factor, FactorError> {
+        let size = stiffness.dofs().free();
+        let pattern = stiffness.pattern();
+        let ordering = SymmetricOrdering::Amd;
+        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, ordering, Default::default())
+            .map_err(|_: FaerError| FactorError::Memory { size, bytes: None })?;
+        let mut factor = Factor {
+            symbolic: Arc::new(symbolic),
+            entries: pattern.row_idx().len(),
+            values: Vec::new(),
+            spare: Vec::new(),
+            scratch: Scratch::default(),
+        };
+        factor.refactor(stiffness)?;
+        Ok(factor)
+    }
+
+    /// Factors a matrix of the same pattern: other positions or materials, but the same elements and degrees of freedom.
+    ///
+    /// # Errors
+    /// [`FactorError`]; the factor is then what it was.
+    pub fn refactor(&mut self, stiffness: &Stiffness) -> Result<(), FactorError> {
+        self.check_pattern(stiffness)?;
+        let length = self.symbolic.len_val();
+        let memory = FactorError::Memory {
+            size: self.size(),
+            bytes: length.checked_mul(size_of::<f64>()),
+        };
+        if self.spare.len() != length {
+            self.spare.try_reserve_exact(length).map_err(|_| memory.clone())?;
+            self.spare.resize(length, 0.0);
+        }
+        let need = self
+            .symbolic
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
+        let result = self.scratch.with(need, |stack| {
+            let numeric = self.symbolic.factorize_numeric_llt(
+                &mut self.spare,
+                stiffness.lower(),
+                Side::Lower,
+                Default::default(),
+                Par::Seq,
+                stack,
+                Default::default(),
+            );
+            numeric.map(drop)
+        });
+        match result {
+            None => Err(memory),
+            Some(Err(LltError::NonPositivePivot { index })) => Err(self.bad_pivot(stiffness.dofs(), index)),
+            Some(Ok(())) => {
+                std::mem::swap(&mut self.values, &mut self.spare);
+                Ok(())
+            }
+        }
+    }
+
+    fn check_pattern(&self, stiffness: &Stiffness) -> Result<(), FactorError> {
+        let (found, found_entries) = (stiffness.dofs().free(), stiffness.pattern().row_idx().len());
+        let (expected, expected_entries) = (self.size(), self.entries);
+        if (found, found_entries) == (expected, expected_entries) {
+            return Ok(());
+        }
+        Err(FactorError::Pattern {
+            found,
+            found_entries,
+            expected,
+            expected_entries,
+        })
+    }
+
+    /// Names the degree of freedom of a pivot of the permuted matrix.
+    fn bad_pivot(&self, dofs: &Dofs, index: usize) -> FactorError {
+        // faer counts columns from 1 in the simplicial factorisation, from 0 in the supernodal one.
+        let column = match self.symbolic.raw() {
+            SymbolicCholeskyRaw::Simplicial(_) => index.saturating_sub(1),
+            SymbolicCholeskyRaw::Supernodal(_) => index,
+        };
+        let dof = match self.symbolic.perm() {
+            Some(order) => order.arrays().0[column],
+            None => column as u32,
+        };
+        let (node, axis) = dofs.node_of(dof);
+        FactorError::NotPositiveDefinite { node, axis }
+    }
+
+    /// Degrees of freedom.
+    pub fn size(&self) -> usize {
+        self.symbolic.nrows()
+    }
+
+    /// Entries of L that are stored.
+    pub fn entries(&self) -> usize {
+        self.symbolic.len_val()
+    }
+
+    /// Solves K x = b for one right-hand side (N), which becomes the solution (mm).
+    ///
+    /// # Panics
+    /// If it does not have one entry a degree of freedom, or scratch memory of that size cannot be had.
+    pub fn solve_in_place(&self, rhs: &mut [f64]) {
+        let rows = rhs.len();
+        self.solve_many_in_place(MatMut::from_column_major_slice_mut(rhs, rows, 1));
+    }
+
+    /// Solves K X = B for many right-hand sides, one a column (N), which become the solutions (mm).
+    ///
+    /// # Panics
+    /// If it does not have one row a degree of freedom, or scratch memory of twice that size cannot be had.
+    pub fn solve_many_in_place(&self, rhs: MatMut<'_, f64>) {
+        assert_eq!(rhs.nrows(), self.size(), "one row a degree of freedom");
+        let need = self.symbolic.solve_in_place_scratch::<f64>(rhs.ncols(), Par::Seq);
+        let factor = LltRef::new(&*self.symbolic, &self.values);
+        let done = self.scratch.with(need, |stack| {
+            factor.solve_in_place_with_conj(Conj::No, rhs, Par::Seq, stack);
+        });
+        assert!(done.is_some(), "no memory for a solve");
+    }
+
+    /// Solves K x = b (N, mm), with one step of iterative refinement where the residual is above [`REFINE_ABOVE`].
+    ///
+    /// The residual is the normwise backward error |b - K x| / (|K| |x| + |b|) in maximum norms (J. L. Rigal and J. Gaches,
+    /// "On the compatibility of a given solution with the data of a linear system", JACM 14, 1967): the least relative change
+    /// of K and b of which x is the exact solution.
+    ///
+    /// # Panics
+    /// If there is not one entry a degree of freedom in `rhs`, or the matrix is of another size.
+    pub fn solve_refined(&self, stiffness: &Stiffness, rhs: &[f64]) -> (Vec<f64>, f64) {
+        let mut solution = rhs.to_vec();
+        self.solve_in_place(&mut solution);
+        let (mut correction, residual) = defect(stiffness, &solution, rhs);
+        if residual <= REFINE_ABOVE {
+            return (solution, residual);
+        }
+        self.solve_in_place(&mut correction);
+        correction
+            .iter_mut()
+            .zip(&solution)
+            .for_each(|(better, x)| *better += x);
+        let (_, refined) = defect(stiffness, &correction, rhs);
+        if refined < residual {
+            (correction, refined)
+        } else {
+            (solution, residual)
+        }
+    }
+}
+
+/// b - K x, and how large it is as a backward error.
+fn defect(stiffness: &Stiffness, solution: &[f64], rhs: &[f64]) -> (Vec<f64>, f64) {
+    let mut defect = vec![0.0; rhs.len()];
+    stiffness.multiply(solution, &mut defect);
+    defect
+        .iter_mut()
+        .zip(rhs)
+        .for_each(|(product, b)| *product = b - *product);
+    let largest = |all: &[f64]| {
+        all.iter().fold(0.0, |a: f64, x| {
+            if a.is_nan() || x.is_nan() {
+                f64::NAN
+            } else {
+                a.max(x.abs())
+            }
+        })
+    };
+    let (top, scale) = (
+        largest(&defect),
+        stiffness.norm_inf() * largest(solution) + largest(rhs),
+    );
+    let residual = if top == 0.0 { 0.0 } else { top / scale };
+    (defect, residual)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,171 @@
+//! Isotropic linear elastic materials, by region of the mesh.
+
+use std::collections::BTreeMap;
+
+use crate::mechanics::mesh::TetMesh;
+
+/// An isotropic linear elastic material, valid by construction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    young_kpa: f64,
+    poisson: f64,
+}
+
+/// Why numbers make no material.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidMaterial {
+    /// Young's modulus is not above 0, or so large or small that the Lame parameters overflow or vanish.
+    #[error(
+        "young_kpa is {found}; expected a number above 0, and neither so small nor so large that stiffness is lost"
+    )]
+    Young {
+        /// The modulus, kPa.
+        found: f64,
+    },
+    /// Poisson's ratio lies outside the range in which the material is stable and compressible.
+    #[error(
+        "poisson is {found}; expected a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, \
+         which displacements alone cannot represent)"
+    )]
+    Poisson {
+        /// The ratio.
+        found: f64,
+    },
+}
+
+impl Material {
+    /// A material of Young's modulus `young_kpa` (above 0, kPa) and Poisson's ratio `poisson` (above -1, below 0.5).
+    ///
+    /// # Errors
+    /// [`InvalidMaterial`], with the number.
+    pub fn new(young_kpa: f64, poisson: f64) -> Result<Material, InvalidMaterial> {
+        if !(poisson > -1.0 && poisson < 0.5) {
+            return Err(InvalidMaterial::Poisson { found: poisson });
+        }
+        let material = Material { young_kpa, poisson };
+        let [lambda, mu] = material.lame_kpa();
+        if !(young_kpa > 0.0 && mu.is_normal() && lambda.is_finite()) {
+            return Err(InvalidMaterial::Young { found: young_kpa });
+        }
+        Ok(material)
+    }
+
+    /// Young's modulus, kPa.
+    pub const fn young_kpa(&self) -> f64 {
+        self.young_kpa
+    }
+
+    /// Poisson's ratio.
+    pub const fn poisson(&self) -> f64 {
+        self.poisson
+    }
+
+    /// The Lame parameters `[lambda, mu]`, kPa: stress is `lambda tr(strain) I + 2 mu strain`.
+    pub fn lame_kpa(&self) -> [f64; 2] {
+        let nu = self.poisson;
+        [
+            self.young_kpa * (nu / ((1.0 + nu) * (1.0 - 2.0 * nu))),
+            self.young_kpa * (0.5 / (1.0 + nu)),
+        ]
+    }
+}
+
+/// The materials of a mesh: one for each region named, and one for all others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Materials {
+    default: Option<Material>,
+    by_region: BTreeMap<i32, Material>,
+}
+
+/// Why materials do not fit together, or not the mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MaterialsError {
+    /// A region has two materials.
+    #[error("region {region} has two materials: {} kPa, {} and {} kPa, {}", .materials[0].young_kpa, .materials[0].poisson,
+        .materials[1].young_kpa, .materials[1].poisson)]
+    Twice {
+        /// The region.
+        region: i32,
+        /// Its first and second material.
+        materials: [Material; 2],
+    },
+    /// Regions of the mesh have no material.
+    #[error("no material for {}; give each its own, or one without a region for all others", list(.regions))]
+    Missing {
+        /// The regions, ascending, with the number of tetrahedra in each.
+        regions: Vec<(i32, usize)>,
+    },
+}
+
+fn list(regions: &[(i32, usize)]) -> String {
+    let items: Vec<String> = regions
+        .iter()
+        .map(|(region, elements)| format!("region {region} ({elements} tetrahedra)"))
+        .collect();
+    items.join(", ")
+}
+
+impl Materials {
+    /// `by_region` for the regions it names, `default` for all others.
+    ///
+    /// # Errors
+    /// [`MaterialsError::Twice`] where a region is named twice.
+    pub fn new(default: Option<Material>, by_region: &[(i32, Material)]) -> Result<Materials, MaterialsError> {
+        let mut map = BTreeMap::new();
+        for &(region, material) in by_region {
+            if let Some(first) = map.insert(region, material) {
+                return Err(MaterialsError::Twice {
+                    region,
+                    materials: [first, material],
+                });
+            }
+        }
+        Ok(Materials {
+            default,
+            by_region: map,
+        })
+    }
+
+    /// One material for every region.
+    pub fn uniform(material: Material) -> Materials {
+        Materials {
+            default: Some(material),
+            by_region: BTreeMap::new(),
+        }
+    }
+
+    /// The material of a region.
+    pub fn of(&self, region: i32) -> Option<&Material> {
+        self.by_region.get(&region).or(self.default.as_ref())
+    }
+
+    /// Regions that have a material of their own, ascending.
+    pub fn named_regions(&self) -> impl Iterator<Item = i32> + '_ {
+        self.by_region.keys().copied()
+    }
+
+    /// The material of each element of a mesh.
+    ///
+    /// # Errors
+    /// [`MaterialsError::Missing`], with every region that has none.
+    pub fn check(&self, mesh: &TetMesh) -> Result<Vec<Material>, MaterialsError> {
+        let mut missing = BTreeMap::<i32, usize>::new();
+        let mut materials = Vec::with_capacity(mesh.regions().len());
+        for &region in mesh.regions() {
+            match self.of(region) {
+                Some(material) => materials.push(*material),
+                None => *missing.entry(region).or_default() += 1,
+            }
+        }
+        if missing.is_empty() {
+            Ok(materials)
+        } else {
+            Err(MaterialsError::Missing {
+                regions: missing.into_iter().collect(),
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,247 @@
+//! Which rigid motions the prescribed displacements leave free, and of which part of the mesh.
+//!
+//! Tetrahedra that share a face can only move rigidly together: such a part has six rigid motions. Each prescribed
+//! displacement takes away one combination of them; each node that two parts share, without sharing a face there, ties
+//! three of the one to three of the other. What is left is the null space of a small matrix, and of the stiffness matrix.
+
+mod motion;
+mod parts;
+
+use std::fmt;
+
+use nalgebra::{DMatrix, Vector3};
+
+use super::dofs::{Dofs, NONE};
+use crate::mechanics::mesh::TetMesh;
+pub use motion::Motion;
+use parts::Parts;
+
+/// A motion that is held by less than this, relative to the one held most, cannot be told from a free one: stiffness goes
+/// with its square, and the square is the rounding unit.
+const HELD: f64 = 1.490_116_119_384_765_6e-8;
+
+/// The most parts hinged to each other, none of them held by itself, whose joint motion is looked at: beyond, the dense
+/// matrix grows too large, and it is left to the factorisation to fail.
+const MOST_HINGED: usize = 64;
+
+/// A part of the mesh that can still move.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FreePart {
+    /// Regions of its tetrahedra, ascending.
+    pub regions: Vec<i32>,
+    /// How many nodes it has.
+    pub nodes: usize,
+    /// The lowest of them.
+    pub example: u32,
+    /// Its free motions, none a combination of the others.
+    pub motions: Vec<Motion>,
+}
+
+/// Why displacements are not determined.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RigidError {
+    /// Nodes with free displacements that no element holds.
+    #[error("{} of no tetrahedron, which nothing holds: {}; leave them out or fix them along x, y and z",
+        if .nodes.len() == 1 { "a node" } else { "nodes" }, numbers(.nodes))]
+    LooseNodes {
+        /// Their numbers, ascending, from 0.
+        nodes: Vec<u32>,
+    },
+    /// Parts that can move rigidly.
+    #[error("the fixed nodes leave rigid motion free: {}; fix more displacements", sentences(.parts))]
+    FreeParts {
+        /// The parts, in the order of their lowest elements.
+        parts: Vec<FreePart>,
+    },
+}
+
+/// How many of a long list a message names.
+const NAMED: usize = 8;
+
+fn numbers(nodes: &[u32]) -> String {
+    let mut named: Vec<String> = nodes.iter().take(NAMED).map(u32::to_string).collect();
+    if nodes.len() > NAMED {
+        named.push(format!("and {} more", nodes.len() - NAMED));
+    }
+    named.join(", ")
+}
+
+fn sentences(parts: &[FreePart]) -> String {
+    let mut named: Vec<String> = parts.iter().take(NAMED).map(FreePart::to_string).collect();
+    if parts.len() > NAMED {
+        named.push(format!("and {} parts more", parts.len() - NAMED));
+    }
+    named.join("; ")
+}
+
+impl fmt::Display for FreePart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let regions: Vec<String> = self.regions.iter().take(NAMED).map(i32::to_string).collect();
+        let more = if self.regions.len() > NAMED { ", ..." } else { "" };
+        let word = if self.regions.len() == 1 { "region" } else { "regions" };
+        let motions: Vec<String> = self.motions.iter().map(Motion::to_string).collect();
+        write!(
+            f,
+            "the part with node {} ({} nodes, {word} {}{more}) has {}",
+            self.example,
+            self.nodes,
+            regions.join(", "),
+            motions.join(", ")
+        )
+    }
+}
+
+/// Checks that the prescribed displacements leave no rigid motion.
+///
+/// # Errors
+/// [`RigidError`], with the nodes of no element, or with every part that can move and how.
+///
+/// # Panics
+/// If the mesh and the degrees of freedom do not have the same number of nodes.
+pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), RigidError> {
+    assert_eq!(mesh.nodes().len(), dofs.nodes(), "degrees of freedom of another mesh");
+    let parts = Parts::of(mesh);
+    let loose: Vec<u32> = parts.loose_nodes().filter(|&node| dofs.of(node) != [NONE; 3]).collect();
+    if !loose.is_empty() {
+        return Err(RigidError::LooseNodes { nodes: loose });
+    }
+    let mut held = vec![false; parts.len()];
+    while hold_more(mesh, dofs, &parts, &mut held) {}
+    let mut free = Vec::new();
+    for group in parts.groups(|part| !held[part]) {
+        if group.len() <= MOST_HINGED {
+            free.extend(free_parts(mesh, dofs, &parts, &held, &group));
+        }
+    }
+    if free.is_empty() {
+        return Ok(());
+    }
+    free.sort_by_key(|(part, _)| *part);
+    Err(RigidError::FreeParts {
+        parts: free.into_iter().map(|(_, free)| free).collect(),
+    })
+}
+
+/// Marks the parts that their own prescribed displacements and the held parts around them hold; whether there were any.
+fn hold_more(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &mut [bool]) -> bool {
+    let before = held.to_vec();
+    for part in 0..parts.len() {
+        held[part] = held[part]
+            || Frame::of(mesh, parts, &[part])
+                .null_space(mesh, dofs, parts, &before, &[part])
+                .ncols()
+                == 0;
+    }
+    *held != *before
+}
+
+/// The parts of a group, tied to each other, that can move.
+fn free_parts(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> Vec<(usize, FreePart)> {
+    let frame = Frame::of(mesh, parts, group);
+    let null = frame.null_space(mesh, dofs, parts, held, group);
+    let mut free = Vec::new();
+    for (place, &part) in group.iter().enumerate() {
+        let motions = motion::simplest(null.rows(6 * place, 6).into_owned(), frame.centre, frame.size);
+        if !motions.is_empty() {
+            let nodes = parts.nodes(part);
+            free.push((
+                part,
+                FreePart {
+                    regions: parts.regions(mesh, part),
+                    nodes: nodes.len(),
+                    example: nodes[0],
+                    motions,
+                },
+            ));
+        }
+    }
+    free
+}
+
+/// Where rotations turn and how lengths are scaled: with the nodes within a unit ball about the origin, rotations and
+/// translations weigh alike.
+struct Frame {
+    centre: Vector3<f64>,
+    size: f64,
+}
+
+impl Frame {
+    fn of(mesh: &TetMesh, parts: &Parts, group: &[usize]) -> Frame {
+        let positions = || {
+            let nodes = group.iter().flat_map(|&part| parts.nodes(part));
+            nodes.map(|&node| Vector3::from(mesh.nodes()[node as usize]))
+        };
+        let centre = positions().sum::<Vector3<f64>>() / positions().count() as f64;
+        let size = positions()
+            .map(|position| (position - centre).norm())
+            .fold(0.0, f64::max);
+        Frame { centre, size }
+    }
+
+    /// The combinations of the group's rigid motions that nothing prevents, orthonormal, one a column. Six rows a part: its
+    /// translation, and its rotation about the centre times the size.
+    fn null_space(&self, mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> DMatrix<f64> {
+        let mut rows: Vec<f64> = Vec::new();
+        let width = 6 * group.len();
+        // Displacement of a node along an axis as its part moves, over the six motions of the part.
+        let displacement = |node: u32, axis: usize| {
+            let arm = (Vector3::from(mesh.nodes()[node as usize]) - self.centre) / self.size;
+            let along = Vector3::ith(axis, 1.0);
+            let turned = arm.cross(&along);
+            [along.x, along.y, along.z, turned.x, turned.y, turned.z]
+        };
+        let mut row = |entries: &[(usize, f64)], node: u32, axis: usize| {
+            let start = rows.len();
+            rows.resize(start + width, 0.0);
+            let displacement = displacement(node, axis);
+            for &(place, sign) in entries {
+                for (column, value) in displacement.iter().enumerate() {
+                    rows[start + 6 * place + column] = sign * value;
+                }
+            }
+        };
+        for (place, &part) in group.iter().enumerate() {
+            for &node in parts.nodes(part) {
+                let tied = parts.sharing(node);
+                let still = tied.iter().any(|&other| other != part && held[other]);
+                let next = tied.iter().filter(|&&other| other > part);
+                let next = next
+                    .filter_map(|other| group.iter().position(|member| member == other))
+                    .min();
+                for axis in 0..3 {
+                    if still || dofs.of(node)[axis] == NONE {
+                        row(&[(place, 1.0)], node, axis);
+                    } else if let Some(next) = next {
+                        row(&[(place, 1.0), (next, -1.0)], node, axis);
+                    }
+                }
+            }
+        }
+        null_space(DMatrix::from_row_slice(rows.len() / width, width, &rows))
+    }
+}
+
+/// Orthonormal columns that a matrix maps to (nearly) nothing.
+fn null_space(matrix: DMatrix<f64>) -> DMatrix<f64> {
+    let width = matrix.ncols();
+    let height = matrix.nrows().max(width);
+    let triangle = matrix.resize_vertically(height, 0.0).qr().unpack_r();
+    let svd = triangle.svd(false, true);
+    let largest = svd.singular_values.max();
+    let columns: Vec<_> = svd
+        .v_t
+        .iter()
+        .flat_map(|v_t| v_t.row_iter())
+        .zip(svd.singular_values.iter())
+        .filter(|(_, value)| **value <= HELD * largest)
+        .map(|(row, _)| row.transpose())
+        .collect();
+    if columns.is_empty() {
+        DMatrix::zeros(width, 0)
+    } else {
+        DMatrix::from_columns(&columns)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+//! Parts of a mesh: tetrahedra that are joined across faces.
+
+use crate::mechanics::mesh::{NONE, TetMesh};
+
+/// The parts, and the nodes where some of them meet.
+pub struct Parts {
+    /// Part of each element.
+    of_element: Vec<usize>,
+    /// Nodes of each part, ascending.
+    nodes: Vec<Vec<u32>>,
+    /// Parts of each node, ascending.
+    sharing: Vec<Vec<usize>>,
+}
+
+impl Parts {
+    pub fn of(mesh: &TetMesh) -> Parts {
+        let elements = mesh.elements();
+        let mut of_element = vec![usize::MAX; elements.len()];
+        let mut nodes: Vec<Vec<u32>> = Vec::new();
+        let mut sharing: Vec<Vec<usize>> = vec![Vec::new(); mesh.nodes().len()];
+        let mut waiting = Vec::new();
+        for first in 0..elements.len() {
+            if of_element[first] != usize::MAX {
+                continue;
+            }
+            let part = nodes.len();
+            let mut own = Vec::new();
+            of_element[first] = part;
+            waiting.push(first as u32);
+            while let Some(element) = waiting.pop() {
+                for &node in &elements[element as usize] {
+                    let parts = &mut sharing[node as usize];
+                    if parts.last() != Some(&part) {
+                        parts.push(part);
+                        own.push(node);
+                    }
+                }
+                for &next in &mesh.neighbours()[element as usize] {
+                    if next != NONE && of_element[next as usize] == usize::MAX {
+                        of_element[next as usize] = part;
+                        waiting.push(next);
+                    }
+                }
+            }
+            own.sort_unstable();
+            nodes.push(own);
+        }
+        Parts {
+            of_element,
+            nodes,
+            sharing,
+        }
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Nodes of a part, ascending.
+    pub fn nodes(&self, part: usize) -> &[u32] {
+        &self.nodes[part]
+    }
+
+    /// Parts that a node belongs to, ascending.
+    pub fn sharing(&self, node: u32) -> &[usize] {
+        &self.sharing[node as usize]
+    }
+
+    /// Nodes of no element, ascending.
+    pub fn loose_nodes(&self) -> impl Iterator<Item = u32> + '_ {
+        let nodes = self.sharing.iter().enumerate();
+        nodes.filter(|(_, parts)| parts.is_empty()).map(|(node, _)| node as u32)
+    }
+
+    /// Regions of a part, ascending.
+    pub fn regions(&self, mesh: &TetMesh, part: usize) -> Vec<i32> {
+        let elements = self.of_element.iter().zip(mesh.regions());
+        let mut regions: Vec<i32> = elements
+            .filter(|(of, _)| **of == part)
+            .map(|(_, region)| *region)
+            .collect();
+        regions.sort_unstable();
+        regions.dedup();
+        regions
+    }
+
+    /// The parts that `wanted` picks, grouped with those that they share nodes with, directly or through others.
+    pub fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+        let mut seen: Vec<bool> = (0..self.len()).map(|part| !wanted(part)).collect();
+        let mut groups = Vec::new();
+        for first in 0..self.len() {
+            if seen[first] {
+                continue;
+            }
+            seen[first] = true;
+            let mut group = vec![first];
+            let mut next = 0;
+            while next < group.len() {
+                for &node in self.nodes(group[next]) {
+                    for &other in self.sharing(node) {
+                        if !seen[other] {
+                            seen[other] = true;
+                            group.push(other);
+                        }
+                    }
+                }
+                next += 1;
+            }
+            group.sort_unstable();
+            groups.push(group);
+        }
+        groups
+    }
+}
