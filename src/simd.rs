@@ -1,6 +1,7 @@
 //! Loops compiled for the widest vector registers of the machine that runs them.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
+pub(crate) use pulp::{Simd, WithSimd};
 
 /// A loop with its arguments. `run` must be `#[inline(always)]`, as must what it calls: only what is inlined into
 /// [`vectorised`] is compiled for the wide registers.
@@ -16,8 +17,88 @@ pub(crate) trait Kernel {
 /// which: Rust neither fuses nor reorders floating-point operations.
 #[inline(always)]
 pub(crate) fn vectorised<K: Kernel>(kernel: K) -> K::Output {
-    Arch::new().dispatch(Call(kernel))
+    dispatch(Call(kernel))
 }
+
+/// Runs a kernel that names its registers. Where it multiplies and adds, results depend on whether the machine fuses the
+/// two, but never on the number of threads.
+#[inline(always)]
+pub(crate) fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
+    Arch::new().dispatch(kernel)
+}
+
+/// A scalar that fills vector registers: one name for what pulp names by type.
+pub trait Lanes: Copy + 'static {
+    /// A register full.
+    type Vector<S: Simd>: Copy;
+
+    /// One value in every lane.
+    fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
+    /// `a * b + c`, fused where the machine can.
+    fn multiply_add<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>, c: Self::Vector<S>) -> Self::Vector<S>;
+    /// `a - b`.
+    fn difference<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    /// The sum of all lanes.
+    fn total<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
+    /// The whole registers of a slice; what does not fill one is left out.
+    fn vectors<S: Simd>(values: &[Self]) -> &[Self::Vector<S>];
+    /// The whole registers of a slice; what does not fill one is left out.
+    fn vectors_mut<S: Simd>(values: &mut [Self]) -> &mut [Self::Vector<S>];
+}
+
+macro_rules! lanes {
+    ($scalar:ty, $vector:ident, $splat:ident, $mul_add:ident, $sub:ident, $sum:ident, $slice:ident, $slice_mut:ident) => {
+        impl Lanes for $scalar {
+            type Vector<S: Simd> = S::$vector;
+
+            #[inline(always)]
+            fn splat<S: Simd>(simd: S, value: Self) -> S::$vector {
+                simd.$splat(value)
+            }
+            #[inline(always)]
+            fn multiply_add<S: Simd>(simd: S, a: S::$vector, b: S::$vector, c: S::$vector) -> S::$vector {
+                simd.$mul_add(a, b, c)
+            }
+            #[inline(always)]
+            fn difference<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$sub(a, b)
+            }
+            #[inline(always)]
+            fn total<S: Simd>(simd: S, a: S::$vector) -> Self {
+                simd.$sum(a)
+            }
+            #[inline(always)]
+            fn vectors<S: Simd>(values: &[Self]) -> &[S::$vector] {
+                S::$slice(values).0
+            }
+            #[inline(always)]
+            fn vectors_mut<S: Simd>(values: &mut [Self]) -> &mut [S::$vector] {
+                S::$slice_mut(values).0
+            }
+        }
+    };
+}
+
+lanes!(
+    f32,
+    f32s,
+    splat_f32s,
+    mul_add_e_f32s,
+    sub_f32s,
+    reduce_sum_f32s,
+    as_simd_f32s,
+    as_mut_simd_f32s
+);
+lanes!(
+    f64,
+    f64s,
+    splat_f64s,
+    mul_add_e_f64s,
+    sub_f64s,
+    reduce_sum_f64s,
+    as_simd_f64s,
+    as_mut_simd_f64s
+);
 
 struct Call<K>(K);
 

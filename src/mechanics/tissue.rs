@@ -8,12 +8,16 @@
 //! | [`assembly`] | the sparse stiffness matrix |
 //! | [`factor`] | its Cholesky factor, and solutions with their residual |
 //! | [`rigid`] | the rigid motions that the fixed nodes leave |
+//! | [`symmetric`] | a dense symmetric matrix in row panels, and its updates |
+//! | [`compliance`] | entries and columns of K^-1, wherever they come from |
 //! | [`problem`] | a static problem, checked and solved |
 
 pub mod assembly;
+pub mod compliance;
 pub mod dofs;
 pub mod element;
 pub mod factor;
 pub mod material;
 pub mod problem;
 pub mod rigid;
+pub mod symmetric;

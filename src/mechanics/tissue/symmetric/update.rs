@@ -1,0 +1,223 @@
+//! Symmetric updates A -= Y C Y^T: the matrix inversion lemma's change of an inverse, whole (level I) or in some rows and
+//! columns (levels II and III).
+
+use std::ops::Range;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use rayon::prelude::*;
+
+use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
+use crate::mechanics::tissue::compliance::{ComplianceError, check_dofs, check_shape};
+use crate::simd::{Simd, WithSimd, dispatch};
+
+/// Columns of the matrix that a tile covers.
+const WIDTH: usize = 8;
+/// Registers of rows that a tile covers: with eight columns 16 of them accumulate, which hides the latency of two fused
+/// multiply-adds a cycle and leaves registers for the operands.
+const DEPTH: usize = 2;
+
+impl<T: Scalar> Symmetric<T> {
+    /// A -= Y C Y^T with Y (size by s) and C (s by s, symmetric), computed on the lower triangle only: size^2 s operations.
+    /// Panels go to the threads of the current rayon pool; the result does not depend on how many there are.
+    ///
+    /// # Errors
+    /// [`ComplianceError::Shape`] when Y or C does not fit; the matrix is then unchanged.
+    pub fn rank_update(&mut self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
+        let rank = self.check_update(y, c)?;
+        if rank == 0 {
+            return Ok(());
+        }
+        let z = packed_product(y, c);
+        self.row_panels_mut().for_each_init(Vec::new, |rows, panel| {
+            rows.clear();
+            let own = panel.first_row..panel.first_row + panel.rows;
+            rows.extend((0..rank).map(|k| packed_column(y, own.clone(), k)));
+            dispatch(Update {
+                columns: panel.columns,
+                y: rows,
+                z: &z,
+            });
+        });
+        Ok(())
+    }
+
+    /// A -= Y C Y^T in the named rows and columns only; the other entries stay. Operands as for
+    /// [`rank_update`](Self::rank_update), and size s operations a row.
+    ///
+    /// # Errors
+    /// [`ComplianceError`] when Y, C or a row does not fit or a row is named twice; the matrix is then unchanged.
+    pub fn update_rows(&mut self, rows: &[usize], y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
+        let rank = self.check_update(y, c)?;
+        check_dofs(rows, self.size)?;
+        let mut sorted = rows.to_vec();
+        sorted.sort_unstable();
+        if let Some(pair) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(ComplianceError::Repeated { dof: pair[0] });
+        }
+        if rank == 0 || rows.is_empty() {
+            return Ok(());
+        }
+        let changes = changes(y, c, &sorted);
+        self.row_panels_mut().for_each(|panel| {
+            let own = panel.first_row..panel.first_row + panel.rows;
+            let at = panel.first_row / PANEL_ROWS * sorted.len();
+            // Columns: contiguous. Pairs of named rows are changed here.
+            for (&column, change) in sorted.iter().zip(&changes[at..]).take_while(|pair| *pair.0 < own.end) {
+                let from = column.saturating_sub(own.start);
+                let values = &mut panel.columns[column].0[from..];
+                values
+                    .iter_mut()
+                    .zip(&change.0[from..])
+                    .for_each(|(value, &change)| *value -= change);
+            }
+            // Rows: one value a column, which the named rows of a panel share a cache line of.
+            let named = sorted.partition_point(|&row| row < own.start)..sorted.partition_point(|&row| row < own.end);
+            if named.is_empty() {
+                return;
+            }
+            let mut next = 0;
+            for (j, column) in panel.columns.iter_mut().enumerate() {
+                if sorted.get(next) == Some(&j) {
+                    next += 1;
+                    continue;
+                }
+                for q in named.clone().filter(|&q| sorted[q] > j) {
+                    column.0[sorted[q] - own.start] -= changes[j / PANEL_ROWS * sorted.len() + q].0[j % PANEL_ROWS];
+                }
+            }
+        });
+        Ok(())
+    }
+
+    /// The rank of an update whose operands fit.
+    fn check_update(&self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<usize, ComplianceError> {
+        check_shape("rows of Y", y.nrows(), self.size)?;
+        check_shape("rows of C", c.nrows(), y.ncols())?;
+        check_shape("columns of C", c.ncols(), y.ncols())?;
+        Ok(y.ncols())
+    }
+}
+
+/// Rows of column `k` of Y, padded with zeros to a panel.
+fn packed_column<T: Scalar>(y: MatRef<'_, T>, rows: Range<usize>, k: usize) -> Column<T> {
+    let mut column = Column([T::of(0.0); PANEL_ROWS]);
+    let values = y.col(k).subrows(rows.start, rows.len());
+    column
+        .0
+        .iter_mut()
+        .zip(values.iter())
+        .for_each(|(to, &from)| *to = from);
+    column
+}
+
+/// Z = Y C as the tiles read it: for each group of [`WIDTH`] rows, s times their values, padded with zeros.
+fn packed_product<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>) -> Vec<[T; WIDTH]> {
+    let [size, rank] = [y.nrows(), y.ncols()];
+    let mut z = vec![[T::of(0.0); WIDTH]; size.div_ceil(WIDTH) * rank];
+    z.par_chunks_mut(PANEL_ROWS / WIDTH * rank)
+        .enumerate()
+        .for_each(|(panel, z)| {
+            let [first, end] = panel_rows(panel, size);
+            let mut block = Mat::<T>::zeros(end - first, rank);
+            product(block.as_mut(), y.subrows(first, end - first), c);
+            for k in 0..rank {
+                for (i, &value) in block.col(k).iter().enumerate() {
+                    z[i / WIDTH * rank + k][i % WIDTH] = value;
+                }
+            }
+        });
+    z
+}
+
+/// W = Y C Y[rows]^T, by panels of rows: one column for each named row.
+fn changes<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>, rows: &[usize]) -> Vec<Column<T>> {
+    let [size, rank] = [y.nrows(), y.ncols()];
+    let own = Mat::from_fn(rows.len(), rank, |i, k| y[(rows[i], k)]);
+    let mut z = Mat::<T>::zeros(rows.len(), rank);
+    product(z.as_mut(), own.as_ref(), c);
+    let mut changes = vec![Column([T::of(0.0); PANEL_ROWS]); size.div_ceil(PANEL_ROWS) * rows.len()];
+    changes
+        .par_chunks_mut(rows.len())
+        .enumerate()
+        .for_each(|(panel, changes)| {
+            let [first, end] = panel_rows(panel, size);
+            let mut block = Mat::<T>::zeros(end - first, rows.len());
+            product(block.as_mut(), y.subrows(first, end - first), z.transpose());
+            for (column, change) in block.col_iter().zip(changes) {
+                change
+                    .0
+                    .iter_mut()
+                    .zip(column.iter())
+                    .for_each(|(to, &from)| *to = from);
+            }
+        });
+    changes
+}
+
+/// out = A B on this thread.
+fn product<T: Scalar>(out: MatMut<'_, T>, a: MatRef<'_, T>, b: MatRef<'_, T>) {
+    matmul(out, Accum::Replace, a, b, T::of(1.0), Par::Seq);
+}
+
+/// The update of one panel: its columns less Y_p Z^T.
+struct Update<'a, T> {
+    columns: &'a mut [Column<T>],
+    y: &'a [Column<T>],
+    z: &'a [[T; WIDTH]],
+}
+
+impl<T: Scalar> WithSimd for Update<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (groups, rest) = self.columns.as_chunks_mut::<WIDTH>();
+        let mut z = self.z.chunks_exact(self.y.len());
+        for (group, z) in groups.iter_mut().zip(&mut z) {
+            if S::REGISTER_COUNT >= 32 {
+                tiles::<T, S, WIDTH>(simd, group, self.y, z, 0);
+            } else {
+                let (halves, _) = group.as_chunks_mut::<{ WIDTH / 2 }>();
+                for (half, columns) in halves.iter_mut().enumerate() {
+                    tiles::<T, S, { WIDTH / 2 }>(simd, columns, self.y, z, half * WIDTH / 2);
+                }
+            }
+        }
+        if let Some(z) = z.next() {
+            for (at, column) in rest.iter_mut().enumerate() {
+                tiles::<T, S, 1>(simd, std::array::from_mut(column), self.y, z, at);
+            }
+        }
+    }
+}
+
+/// Updates a few columns from the first row of the panel to the last. `from` is the first of them within its group.
+#[inline(always)]
+fn tiles<T: Scalar, S: Simd, const COLUMNS: usize>(
+    simd: S,
+    columns: &mut [Column<T>; COLUMNS],
+    y: &[Column<T>],
+    z: &[[T; WIDTH]],
+    from: usize,
+) {
+    let depth = size_of::<T::Vector<S>>() / size_of::<T>() * DEPTH;
+    for tile in 0..PANEL_ROWS / depth {
+        let mut sums = [[T::splat(simd, T::of(0.0)); DEPTH]; COLUMNS];
+        for (y, z) in y.iter().zip(z) {
+            let y = &T::vectors::<S>(&y.0).as_chunks::<DEPTH>().0[tile];
+            for j in 0..COLUMNS {
+                let z = T::splat(simd, z[from + j]);
+                for i in 0..DEPTH {
+                    sums[j][i] = T::multiply_add(simd, y[i], z, sums[j][i]);
+                }
+            }
+        }
+        for (column, sums) in columns.iter_mut().zip(sums) {
+            let values = &mut T::vectors_mut::<S>(&mut column.0).as_chunks_mut::<DEPTH>().0[tile];
+            for i in 0..DEPTH {
+                values[i] = T::difference(simd, values[i], sums[i]);
+            }
+        }
+    }
+}
