@@ -5,7 +5,7 @@ use std::fmt;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::gpu::GpuError;
-use crate::mechanics::mesh::vtk::MeshFileError;
+use crate::mechanics::mesh::file::MeshFileError;
 use crate::output::atomic::WriteError;
 use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;

@@ -4,20 +4,20 @@
 //! |---|---|
 //! | [`lattice`] | meshes made over a box |
 //! | [`displacement`] | analytic displacement fields |
+//! | [`file`] | mesh files: VTK, legacy and XML |
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`map`] | world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
-//! | [`vtk`] | VTK files, legacy and XML |
 
 mod adjacency;
 pub mod displacement;
 mod element;
+pub mod file;
 mod grid;
 pub mod lattice;
 pub mod locator;
 pub mod map;
 pub mod pack;
-pub mod vtk;
 
 pub use displacement::{Displacement, InvalidDisplacement};
 pub use locator::{Hit, Locator, LocatorReport, NONE};

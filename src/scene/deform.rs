@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
-use crate::mechanics::mesh::vtk::{ReadOptions, read_mesh};
+use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 use crate::volume::LabelVolume;
 

@@ -11,7 +11,7 @@ use miette::{Diagnostic, LabeledSpan, SourceCode};
 use super::file::{SceneFile, VERSION};
 use super::source::Source;
 use crate::effects::OutOfRange;
-use crate::mechanics::mesh::vtk::MeshFileError;
+use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::{InvalidDisplacement, InvalidMesh};
 use crate::phantom::PhantomError;
 use crate::tissue::TissueError;

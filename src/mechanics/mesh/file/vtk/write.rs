@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::{DISPLACEMENT, MeshFileError};
+use super::MeshFileError;
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::DISPLACEMENT;
 
 /// The mesh as a legacy ASCII VTK file (version 4.2): reference nodes, tetrahedra, the cell array `region` and, if given, the
 /// point array [`DISPLACEMENT`] (mm, one vector a node).

@@ -5,6 +5,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use proptest::prelude::*;
 
+use super::super::*;
 use super::*;
 
 fn read(bytes: &[u8]) -> Result<MeshFile, MeshFileError> {

@@ -1,6 +1,7 @@
 //! An unstructured grid as files hold it, and the tetrahedral mesh in it.
 
-use super::{DISPLACEMENT, Fault, ReadOptions};
+use super::{Fault, Parts, ReadOptions};
+use crate::mechanics::mesh::file::DISPLACEMENT;
 
 /// VTK's cell type of the linear tetrahedron.
 const TETRA: i64 = 10;
@@ -34,16 +35,6 @@ pub(super) struct Grid {
     pub types: Vec<i64>,
     pub point_arrays: Vec<Array>,
     pub cell_arrays: Vec<Array>,
-}
-
-/// The tetrahedral part of a grid.
-#[derive(Debug)]
-pub(super) struct Parts {
-    pub nodes: Vec<[f64; 3]>,
-    pub elements: Vec<[u32; 4]>,
-    pub regions: Vec<i32>,
-    pub displacements: Option<Vec<[f64; 3]>>,
-    pub skipped_cells: usize,
 }
 
 impl Grid {
@@ -142,14 +133,6 @@ impl Grid {
 /// Turns counts and indices that were read as numbers into integers.
 pub(super) fn integers(values: Vec<f64>) -> Vec<i64> {
     values.into_iter().map(|value| value as i64).collect()
-}
-
-/// Bytes as an error message can show them.
-pub(super) fn quote(bytes: &[u8]) -> String {
-    match bytes.is_empty() {
-        true => "the end of the file".to_owned(),
-        false => format!("`{}`", bytes.escape_ascii()),
-    }
 }
 
 fn named<'a>(arrays: &'a [Array], name: &str) -> Option<&'a Array> {

@@ -1,0 +1,101 @@
+//! Tetrahedral meshes in files. The format is told by the contents; coordinates are taken as millimetres.
+//!
+//! | module | what it reads and writes |
+//! |---|---|
+//! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
+
+mod cursor;
+mod error;
+pub mod vtk;
+
+use std::path::Path;
+
+use super::TetMesh;
+pub use error::MeshFileError;
+use error::{Fault, quote};
+
+/// The point array that is taken for the displacement where no other is named.
+pub const DISPLACEMENT: &str = "displacement";
+
+/// Which arrays to read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions<'a> {
+    /// Name of the point array with the displacements (mm, three components). It must be there. Without a name, the array
+    /// [`DISPLACEMENT`] is read if the file has one.
+    pub displacement: Option<&'a str>,
+    /// Name of the cell array with the region numbers. It must be there. Without a name, the first of `region`, `label`,
+    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` is read if the file has one; else all regions are 0.
+    pub region: Option<&'a str>,
+}
+
+/// What a mesh file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshFile {
+    /// The mesh at the positions in the file: its reference state.
+    pub mesh: TetMesh,
+    /// A displacement for each node, mm.
+    pub displacements: Option<Vec<[f64; 3]>>,
+    /// Cells of lower dimension (vertices, lines, surfaces) that were left out.
+    pub skipped_cells: usize,
+}
+
+impl MeshFile {
+    /// Current positions of the nodes (mm): reference plus displacement.
+    pub fn current(&self) -> Vec<[f64; 3]> {
+        let nodes = self.mesh.nodes();
+        match &self.displacements {
+            None => nodes.to_vec(),
+            Some(all) => nodes
+                .iter()
+                .zip(all)
+                .map(|(n, u)| [n[0] + u[0], n[1] + u[1], n[2] + u[2]])
+                .collect(),
+        }
+    }
+}
+
+/// The tetrahedra of a file, not yet a mesh.
+#[derive(Debug)]
+struct Parts {
+    nodes: Vec<[f64; 3]>,
+    elements: Vec<[u32; 4]>,
+    regions: Vec<i32>,
+    displacements: Option<Vec<[f64; 3]>>,
+    skipped_cells: usize,
+}
+
+/// Reads a tetrahedral mesh, with its displacements if it carries any.
+///
+/// # Errors
+/// [`MeshFileError`], with the line and byte offset where the contents break the format.
+pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
+    let bytes = std::fs::read(path).map_err(|source| MeshFileError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    read_mesh_bytes(&bytes, path, options)
+}
+
+/// As [`read_mesh`], from memory; `path` is only named in errors.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
+    let parts = vtk::read(bytes, options).unwrap_or_else(|| {
+        Err(Fault::at(
+            0,
+            quote(&bytes[..bytes.len().min(24)]),
+            "`# vtk DataFile` (legacy VTK) or an XML VTKFile of type UnstructuredGrid",
+        ))
+    });
+    let parts = parts.map_err(|fault| fault.locate(bytes, path))?;
+    let mesh = TetMesh::new(parts.nodes, parts.elements, parts.regions).map_err(|source| MeshFileError::Mesh {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(MeshFile {
+        mesh,
+        displacements: parts.displacements,
+        skipped_cells: parts.skipped_cells,
+    })
+}

@@ -1,0 +1,124 @@
+//! What can be wrong with a mesh file, and where in it.
+
+use std::path::{Path, PathBuf};
+
+use crate::mechanics::mesh::InvalidMesh;
+
+/// Why a mesh file cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum MeshFileError {
+    /// The file cannot be opened or read.
+    #[error("{}: cannot read the mesh: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot write the mesh: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The contents break the format.
+    #[error("{}: line {line} (byte {offset}): found {found}; expected {expected}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1 (line ends inside binary data count too).
+        line: usize,
+        /// Byte offset, from 0.
+        offset: usize,
+        /// What stands there.
+        found: String,
+        /// What should stand there.
+        expected: String,
+    },
+    /// The file is well formed, but what it describes is not a tetrahedral mesh.
+    #[error("{}: {found}; expected {expected}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        found: String,
+        /// What is needed.
+        expected: String,
+    },
+    /// The cells do not make a valid mesh.
+    #[error("{}: {source}", path.display())]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with them.
+        source: InvalidMesh,
+    },
+}
+
+impl MeshFileError {
+    /// Whether the machine is at fault (the output cannot be written) rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, MeshFileError::Write { .. })
+    }
+}
+
+/// A fault at a byte offset, or in the whole.
+#[derive(Debug, PartialEq)]
+pub(super) struct Fault {
+    offset: Option<usize>,
+    found: String,
+    expected: String,
+}
+
+impl Fault {
+    pub fn at(offset: usize, found: impl Into<String>, expected: impl Into<String>) -> Fault {
+        Fault {
+            offset: Some(offset),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    pub fn whole(found: impl Into<String>, expected: impl Into<String>) -> Fault {
+        Fault {
+            offset: None,
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    /// The error that tells of it, with the line of the offset.
+    pub fn locate(self, bytes: &[u8], path: &Path) -> MeshFileError {
+        let Fault {
+            offset,
+            found,
+            expected,
+        } = self;
+        let path = path.to_owned();
+        match offset {
+            None => MeshFileError::Content { path, found, expected },
+            Some(offset) => {
+                let line = 1 + bytes[..offset.min(bytes.len())].iter().filter(|b| **b == b'\n').count();
+                MeshFileError::Syntax {
+                    path,
+                    line,
+                    offset,
+                    found,
+                    expected,
+                }
+            }
+        }
+    }
+}
+
+/// Bytes as an error message can show them.
+pub(super) fn quote(bytes: &[u8]) -> String {
+    const SHOWN: usize = 60;
+    match bytes.get(..SHOWN) {
+        _ if bytes.is_empty() => "the end of the file".to_owned(),
+        Some(start) => format!("`{}...`", start.escape_ascii()),
+        None => format!("`{}`", bytes.escape_ascii()),
+    }
+}

@@ -1,0 +1,33 @@
+//! Unstructured grids in VTK files, legacy (`.vtk`) and XML (`.vtu`).
+//!
+//! Formats as in "VTK File Formats" (Kitware, VTK documentation): legacy versions up to 5.1, ASCII and binary; XML with
+//! ascii, base64 and appended (raw or base64) arrays, uncompressed or compressed by zlib.
+
+mod grid;
+mod kind;
+mod legacy;
+mod write;
+mod xml;
+
+use super::cursor::Cursor;
+use super::error::{Fault, MeshFileError, quote};
+use super::{Parts, ReadOptions};
+pub use write::{legacy_ascii, write_legacy};
+
+/// What a legacy file begins with.
+const LEGACY: &[u8] = b"# vtk DataFile";
+
+/// The tetrahedra of a VTK file; none where the contents are no VTK file.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
+    let grid = if bytes.starts_with(LEGACY) {
+        legacy::parse(bytes)
+    } else if bytes.trim_ascii_start().starts_with(b"<") {
+        xml::parse(bytes)
+    } else {
+        return None;
+    };
+    Some(grid.and_then(|grid| grid.select(options)))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,194 @@
+//! The legacy VTK format, ASCII and binary (big-endian).
+
+mod reader;
+
+use super::grid::{Array, Grid, integers};
+use super::kind::{Kind, word};
+use super::{Cursor, Fault, quote};
+use reader::Reader;
+
+/// Reads the file into a grid.
+pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
+    let mut reader = Reader {
+        cursor: Cursor::new(bytes),
+        binary: false,
+    };
+    reader.cursor.line();
+    reader.cursor.line();
+    let (at, format) = reader.cursor.word();
+    reader.binary = match format.to_ascii_uppercase().as_slice() {
+        b"ASCII" => false,
+        b"BINARY" => true,
+        _ => return Err(Fault::at(at, quote(format), "ASCII or BINARY")),
+    };
+    reader.keyword("DATASET")?;
+    reader.keyword("UNSTRUCTURED_GRID")?;
+    let mut grid = Grid::default();
+    let mut tuples = None;
+    loop {
+        let (at, word) = reader.cursor.word();
+        if word.is_empty() {
+            return Ok(grid);
+        }
+        match word.to_ascii_uppercase().as_slice() {
+            b"POINTS" => {
+                let count = reader.cursor.count()?;
+                let kind = reader.kind()?;
+                grid.points = reader.numbers(product(at, count, 3)?, kind)?;
+            }
+            b"CELLS" => cells(&mut reader, &mut grid)?,
+            b"CELL_TYPES" => {
+                let count = reader.cursor.count()?;
+                grid.types = integers(reader.numbers(count, Kind::I32)?);
+            }
+            b"POINT_DATA" => tuples = Some((true, reader.cursor.count()?)),
+            b"CELL_DATA" => tuples = Some((false, reader.cursor.count()?)),
+            b"METADATA" => reader.skip_metadata(),
+            name => {
+                if !attribute(&mut reader, name, tuples, &mut grid)? {
+                    return Err(Fault::at(at, quote(word), "a keyword of a legacy unstructured grid"));
+                }
+            }
+        }
+    }
+}
+
+/// `CELLS n size` with a count before each cell, or (version 5) `CELLS n+1 size` with OFFSETS and CONNECTIVITY.
+fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
+    let (first, size) = (reader.cursor.count()?, reader.cursor.count()?);
+    let at = reader.cursor.peek().0;
+    if reader.is_next("OFFSETS") {
+        reader.keyword("OFFSETS")?;
+        let kind = reader.kind()?;
+        grid.offsets = integers(reader.numbers(first, kind)?);
+        reader.keyword("CONNECTIVITY")?;
+        let kind = reader.kind()?;
+        grid.connectivity = integers(reader.numbers(size, kind)?);
+        return Ok(());
+    }
+    let flat = integers(reader.numbers(size, Kind::I32)?);
+    grid.offsets = vec![0];
+    let mut rest = flat.as_slice();
+    for cell in 0..first {
+        let corners = rest
+            .split_first()
+            .and_then(|(n, tail)| tail.split_at_checked(usize::try_from(*n).ok()?));
+        let Some((corners, tail)) = corners else {
+            return Err(Fault::at(
+                at,
+                format!("cell {cell} of {first} running past its {size} numbers"),
+                "a matching size",
+            ));
+        };
+        grid.connectivity.extend_from_slice(corners);
+        grid.offsets.push(grid.connectivity.len() as i64);
+        rest = tail;
+    }
+    Ok(())
+}
+
+/// One attribute of the current section; false where the keyword is none.
+fn attribute(
+    reader: &mut Reader,
+    keyword: &[u8],
+    section: Option<(bool, usize)>,
+    grid: &mut Grid,
+) -> Result<bool, Fault> {
+    let at = reader.cursor.at;
+    // A FIELD may stand before any section and then belongs to the file.
+    let (of_points, tuples) = section.unwrap_or((true, 0));
+    let mut arrays = Vec::new();
+    match keyword {
+        b"FIELD" => {
+            reader.name()?;
+            for _ in 0..reader.cursor.count()? {
+                let name = reader.name()?;
+                let (components, tuples) = (reader.cursor.count()?, reader.cursor.count()?);
+                let kind = reader.kind()?;
+                let values = reader.numbers(product(at, components, tuples)?, kind)?;
+                arrays.push(Array {
+                    name,
+                    components,
+                    values,
+                });
+                if reader.is_next("METADATA") {
+                    reader.cursor.word();
+                    reader.skip_metadata();
+                }
+            }
+        }
+        b"SCALARS" => {
+            let name = reader.name()?;
+            let kind = reader.kind()?;
+            let components = match reader.cursor.peek().1.first().is_some_and(u8::is_ascii_digit) {
+                true => reader.cursor.count()?,
+                false => 1,
+            };
+            reader.keyword("LOOKUP_TABLE")?;
+            reader.name()?;
+            let values = reader.numbers(product(at, components, tuples)?, kind)?;
+            arrays.push(Array {
+                name,
+                components,
+                values,
+            });
+        }
+        b"LOOKUP_TABLE" => {
+            reader.name()?;
+            let entries = product(at, reader.cursor.count()?, 4)?;
+            reader.numbers(entries, if reader.binary { Kind::U8 } else { Kind::F64 })?;
+        }
+        b"VECTORS" | b"NORMALS" | b"TENSORS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS" => {
+            let name = reader.name()?;
+            let kind = reader.kind()?;
+            let components = match keyword {
+                b"VECTORS" | b"NORMALS" => 3,
+                b"TENSORS" => 9,
+                _ => 1,
+            };
+            let values = reader.numbers(product(at, components, tuples)?, kind)?;
+            arrays.push(Array {
+                name,
+                components,
+                values,
+            });
+        }
+        b"TEXTURE_COORDINATES" => {
+            let name = reader.name()?;
+            let components = reader.cursor.count()?;
+            let kind = reader.kind()?;
+            let values = reader.numbers(product(at, components, tuples)?, kind)?;
+            arrays.push(Array {
+                name,
+                components,
+                values,
+            });
+        }
+        b"COLOR_SCALARS" => {
+            let name = reader.name()?;
+            let components = reader.cursor.count()?;
+            let kind = if reader.binary { Kind::U8 } else { Kind::F64 };
+            let values = reader.numbers(product(at, components, tuples)?, kind)?;
+            arrays.push(Array {
+                name,
+                components,
+                values,
+            });
+        }
+        _ => return Ok(false),
+    }
+    match section {
+        None if keyword != b"FIELD" => {
+            return Err(Fault::at(at, quote(keyword), "POINT_DATA or CELL_DATA before it"));
+        }
+        None => {}
+        Some(_) if of_points => grid.point_arrays.extend(arrays),
+        Some(_) => grid.cell_arrays.extend(arrays),
+    }
+    Ok(true)
+}
+
+fn product(at: usize, a: usize, b: usize) -> Result<usize, Fault> {
+    a.checked_mul(b)
+        .ok_or_else(|| Fault::at(at, format!("{a} times {b} values"), "a count that fits in memory"))
+}
