@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
 
+mod atomic;
 mod cursor;
 mod error;
 pub mod vtk;
@@ -13,6 +14,7 @@ use std::path::Path;
 use super::TetMesh;
 pub use error::MeshFileError;
 use error::{Fault, quote};
+pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};
 
 /// The point array that is taken for the displacement where no other is named.
 pub const DISPLACEMENT: &str = "displacement";

@@ -55,6 +55,26 @@ pub enum MeshFileError {
         /// What is wrong with them.
         source: InvalidMesh,
     },
+    /// An array cannot be written beside the mesh.
+    #[error("{}: the array `{name}` cannot be written: {problem}", path.display())]
+    Array {
+        /// The file.
+        path: PathBuf,
+        /// The array.
+        name: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A time series with a time that is none.
+    #[error("{}: `{file}` is given the time {time}; times must be finite", path.display())]
+    Time {
+        /// The list.
+        path: PathBuf,
+        /// The file of that time.
+        file: String,
+        /// Its time.
+        time: f64,
+    },
 }
 
 impl MeshFileError {

@@ -6,13 +6,15 @@
 mod grid;
 mod kind;
 mod legacy;
+mod pvd;
 mod write;
 mod xml;
 
 use super::cursor::Cursor;
 use super::error::{Fault, MeshFileError, quote};
 use super::{Parts, ReadOptions};
-pub use write::{legacy_ascii, write_legacy};
+pub use pvd::write_pvd;
+pub use write::{REGION, Values, write_vtu, write_vtu_with};
 
 /// What a legacy file begins with.
 const LEGACY: &[u8] = b"# vtk DataFile";

@@ -4,7 +4,7 @@ use super::{Fault, Parts, ReadOptions};
 use crate::mechanics::mesh::file::DISPLACEMENT;
 
 /// VTK's cell type of the linear tetrahedron.
-const TETRA: i64 = 10;
+pub(super) const TETRA: i64 = 10;
 /// VTK's cell types of dimension 0 to 2, linear and quadratic: they carry no volume.
 const FLAT_TYPES: [i64; 17] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35];
 /// Names of cell arrays that are taken for region numbers, in this order.

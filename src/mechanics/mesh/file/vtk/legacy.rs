@@ -192,3 +192,6 @@ fn product(at: usize, a: usize, b: usize) -> Result<usize, Fault> {
     a.checked_mul(b)
         .ok_or_else(|| Fault::at(at, format!("{a} times {b} values"), "a count that fits in memory"))
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,58 +1,179 @@
-//! Legacy ASCII VTK out: a mesh, its regions and its displacements.
+//! XML VTK out (`.vtu`): a mesh with its regions, displacements and any other arrays.
+//!
+//! Arrays are inline, base64 over zlib blocks. Raw appended data would be faster to write, but makes a file that is no XML
+//! and that several readers refuse; inline, ParaView, VTK, meshio and vtkio all read it, and the blocks make up for the
+//! third that base64 adds.
 
+use std::io::{self, Write};
 use std::path::Path;
 
-use super::MeshFileError;
-use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::DISPLACEMENT;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 
-/// The mesh as a legacy ASCII VTK file (version 4.2): reference nodes, tetrahedra, the cell array `region` and, if given, the
-/// point array [`DISPLACEMENT`] (mm, one vector a node).
-pub fn legacy_ascii(mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> String {
-    let mut text = String::from("# vtk DataFile Version 4.2\ninsonify\nASCII\nDATASET UNSTRUCTURED_GRID\n");
-    let (nodes, cells) = (mesh.nodes(), mesh.elements().len());
-    text += &format!("POINTS {} double\n", nodes.len());
-    vectors(&mut text, nodes);
-    text += &format!("CELLS {cells} {}\n", 5 * cells);
-    for [a, b, c, d] in mesh.elements() {
-        text += &format!("4 {a} {b} {c} {d}\n");
-    }
-    text += &format!("CELL_TYPES {cells}\n");
-    text += &"10\n".repeat(cells);
-    text += &format!("CELL_DATA {cells}\nSCALARS region int 1\nLOOKUP_TABLE default\n");
-    for region in mesh.regions() {
-        text += &format!("{region}\n");
-    }
-    if let Some(displacements) = displacements {
-        text += &format!("POINT_DATA {}\nVECTORS {DISPLACEMENT} double\n", displacements.len());
-        vectors(&mut text, displacements);
-    }
-    text
+use super::MeshFileError;
+use super::grid::TETRA;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::{DISPLACEMENT, atomic};
+
+/// The cell array that is written with the region numbers.
+pub const REGION: &str = "region";
+
+/// VTK's own size of uncompressed blocks, bytes.
+const BLOCK: usize = 32_768;
+
+/// The values of a named array, one entry a node or an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Values<'a> {
+    /// One number each.
+    Scalars(&'a [f64]),
+    /// A vector each.
+    Vectors(&'a [[f64; 3]]),
+    /// One whole number each.
+    Integers(&'a [i32]),
 }
 
-/// Writes [`legacy_ascii`] to a file, whole or not at all.
+impl Values<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Values::Scalars(values) => values.len(),
+            Values::Vectors(values) => values.len(),
+            Values::Integers(values) => values.len(),
+        }
+    }
+}
+
+/// Writes a mesh as a `.vtu` file, whole or not at all: reference nodes, tetrahedra, the cell array [`REGION`] and, if
+/// given, the point array [`DISPLACEMENT`] (mm, one vector a node). [`read_mesh`](super::super::read_mesh) gives back the
+/// same bits.
 ///
 /// # Errors
-/// [`MeshFileError::Write`].
-pub fn write_legacy(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> Result<(), MeshFileError> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let write = || -> std::io::Result<()> {
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        std::io::Write::write_all(&mut file, legacy_ascii(mesh, displacements).as_bytes())?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().map_err(|source| MeshFileError::Write {
-        path: path.to_owned(),
-        source,
-    })
+/// As [`write_vtu_with`].
+pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> Result<(), MeshFileError> {
+    let displacements = displacements.map(|all| (DISPLACEMENT, Values::Vectors(all)));
+    write_vtu_with(path, mesh, displacements.as_slice(), &[])
 }
 
-fn vectors(text: &mut String, vectors: &[[f64; 3]]) {
-    for [x, y, z] in vectors {
-        *text += &format!("{x:?} {y:?} {z:?}\n");
+/// As [`write_vtu`], with any named arrays: `point_arrays` hold an entry for each node, `cell_arrays` for each element.
+///
+/// # Errors
+/// [`MeshFileError::Array`] where an array has another length, no name or that of another; [`MeshFileError::Write`].
+pub fn write_vtu_with(
+    path: &Path,
+    mesh: &TetMesh,
+    point_arrays: &[(&str, Values)],
+    cell_arrays: &[(&str, Values)],
+) -> Result<(), MeshFileError> {
+    let regions = [(REGION, Values::Integers(mesh.regions()))];
+    let cell_arrays = [&regions[..], cell_arrays].concat();
+    check(path, "nodes", mesh.nodes().len(), point_arrays)?;
+    check(path, "tetrahedra", mesh.elements().len(), &cell_arrays)?;
+    atomic::write(path, |out| vtu(out, mesh, point_arrays, &cell_arrays))
+}
+
+fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values)]) -> Result<(), MeshFileError> {
+    for (place, (name, values)) in arrays.iter().enumerate() {
+        let taken = arrays[..place].iter().any(|(other, _)| other == name);
+        // XML cannot hold control characters at all.
+        let problem = if taken {
+            "its name is taken".to_owned()
+        } else if name.is_empty() || name.chars().any(char::is_control) {
+            "a name needs at least one character, and none that cannot be printed".to_owned()
+        } else if values.len() != expected {
+            format!("it has {} entries for {expected} {of}", values.len())
+        } else {
+            continue;
+        };
+        return Err(MeshFileError::Array {
+            path: path.to_owned(),
+            name: (*name).to_owned(),
+            problem,
+        });
+    }
+    Ok(())
+}
+
+fn vtu(
+    out: &mut impl Write,
+    mesh: &TetMesh,
+    point_arrays: &[(&str, Values)],
+    cell_arrays: &[(&str, Values)],
+) -> io::Result<()> {
+    let (nodes, cells) = (mesh.nodes(), mesh.elements());
+    let corners = cells.as_flattened().iter().map(|node| i64::from(*node));
+    let ends = (1..=cells.len() as i64).map(|cell| 4 * cell);
+    write!(
+        out,
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n\
+         <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>\n",
+        nodes.len(),
+        cells.len()
+    )?;
+    named(out, "Points", Values::Vectors(nodes))?;
+    writeln!(out, "</Points>\n<Cells>")?;
+    array(out, "Int64", "connectivity", 1, bytes(corners, i64::to_le_bytes))?;
+    array(out, "Int64", "offsets", 1, bytes(ends, i64::to_le_bytes))?;
+    array(out, "UInt8", "types", 1, vec![TETRA as u8; cells.len()])?;
+    writeln!(out, "</Cells>")?;
+    for (section, arrays) in [("PointData", point_arrays), ("CellData", cell_arrays)] {
+        writeln!(out, "<{section}>")?;
+        for (name, values) in arrays {
+            named(out, name, *values)?;
+        }
+        writeln!(out, "</{section}>")?;
+    }
+    writeln!(out, "</Piece>\n</UnstructuredGrid>\n</VTKFile>")
+}
+
+fn named(out: &mut impl Write, name: &str, values: Values) -> io::Result<()> {
+    let floats = |values: &[f64]| bytes(values.iter().copied(), f64::to_le_bytes);
+    match values {
+        Values::Scalars(values) => array(out, "Float64", name, 1, floats(values)),
+        Values::Vectors(values) => array(out, "Float64", name, 3, floats(values.as_flattened())),
+        Values::Integers(values) => array(out, "Int32", name, 1, bytes(values.iter().copied(), i32::to_le_bytes)),
     }
 }
+
+fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, each: impl Fn(T) -> [u8; N]) -> Vec<u8> {
+    values.flat_map(each).collect()
+}
+
+/// One array: in base64 the number of blocks, their size, that of the last where it is another, and their compressed
+/// sizes; then, in base64 by themselves, the blocks.
+fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: Vec<u8>) -> io::Result<()> {
+    let mut packed = Vec::new();
+    let mut header = [data.len().div_ceil(BLOCK), BLOCK, data.len() % BLOCK].to_vec();
+    for block in data.chunks(BLOCK) {
+        let start = packed.len();
+        let mut encoder = ZlibEncoder::new(packed, Compression::default());
+        encoder.write_all(block)?;
+        packed = encoder.finish()?;
+        header.push(packed.len() - start);
+    }
+    let header = bytes(header.into_iter(), |word| (word as u64).to_le_bytes());
+    // One component is the default, and readers tell a list of numbers from a matrix of one column by its absence.
+    let components = match components {
+        1 => String::new(),
+        count => format!(" NumberOfComponents=\"{count}\""),
+    };
+    writeln!(
+        out,
+        "<DataArray type=\"{kind}\" Name=\"{}\"{components} format=\"binary\">\n{}{}\n</DataArray>",
+        escape(name),
+        STANDARD.encode(header),
+        STANDARD.encode(packed)
+    )
+}
+
+/// Text as an attribute holds it.
+pub(super) fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests;

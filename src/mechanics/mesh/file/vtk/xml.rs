@@ -104,3 +104,6 @@ fn expect(tag: &Tag, values: Vec<f64>, count: Option<usize>) -> Result<Vec<f64>,
         )),
     }
 }
+
+#[cfg(test)]
+mod tests;
