@@ -1,5 +1,6 @@
 //! Broken files: random, cut short, with flipped bits, with headers that promise too much.
 
+use std::cell::Cell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,21 +16,38 @@ struct Watched;
 
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
 
+thread_local! {
+    static LARGEST_HERE: Cell<usize> = const { Cell::new(0) };
+}
+
+fn watch(size: usize) {
+    LARGEST.fetch_max(size, Ordering::Relaxed);
+    // A thread that is ending has no such variable any more.
+    let _ = LARGEST_HERE.try_with(|largest| largest.set(largest.get().max(size)));
+}
+
+/// What is the largest that this thread allocates at once while `work` runs.
+pub fn largest_of(work: impl FnOnce()) -> usize {
+    LARGEST_HERE.set(0);
+    work();
+    LARGEST_HERE.get()
+}
+
 // SAFETY: every call goes unchanged to the system allocator.
 #[allow(unsafe_code, reason = "an allocator cannot be watched without implementing one")]
 unsafe impl std::alloc::GlobalAlloc for Watched {
     unsafe fn alloc(&self, layout: std::alloc::Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        watch(layout.size());
         unsafe { std::alloc::System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: std::alloc::Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        watch(layout.size());
         unsafe { std::alloc::System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: std::alloc::Layout, size: usize) -> *mut u8 {
-        LARGEST.fetch_max(size, Ordering::Relaxed);
+        watch(size);
         unsafe { std::alloc::System.realloc(pointer, layout, size) }
     }
 

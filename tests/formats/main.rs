@@ -1,7 +1,8 @@
-//! Every real image file in the shared data loads as its manifest says or fails with a clear message, and no file,
+//! Every real image and mesh file in the shared data loads as its manifest says or fails with a clear message, and no file,
 //! however broken, makes a parser panic or take memory that its data do not fill.
 
 mod broken;
+mod meshes;
 mod sequences;
 mod volumes;
 

@@ -2,13 +2,16 @@
 //!
 //! | module | what it reads and writes |
 //! |---|---|
+//! | `gmsh` | Gmsh meshes (`.msh`), read only |
 //! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
 
 mod atomic;
 mod cursor;
 mod error;
+mod gmsh;
 pub mod vtk;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::TetMesh;
@@ -27,6 +30,8 @@ pub struct ReadOptions<'a> {
     pub displacement: Option<&'a str>,
     /// Name of the cell array with the region numbers. It must be there. Without a name, the first of `region`, `label`,
     /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` is read if the file has one; else all regions are 0.
+    /// Of a Gmsh file the names are `gmsh:physical` (the first physical group, and the volume where there is none; also taken
+    /// without a name) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
 }
 
@@ -39,6 +44,10 @@ pub struct MeshFile {
     pub displacements: Option<Vec<[f64; 3]>>,
     /// Cells of lower dimension (vertices, lines, surfaces) that were left out.
     pub skipped_cells: usize,
+    /// Names of regions, where the file has any (physical groups of Gmsh).
+    pub region_names: BTreeMap<i32, String>,
+    /// What the user should know: where regions are not what they may seem.
+    pub warnings: Vec<String>,
 }
 
 impl MeshFile {
@@ -64,6 +73,8 @@ struct Parts {
     regions: Vec<i32>,
     displacements: Option<Vec<[f64; 3]>>,
     skipped_cells: usize,
+    region_names: BTreeMap<i32, String>,
+    warnings: Vec<String>,
 }
 
 /// Reads a tetrahedral mesh, with its displacements if it carries any.
@@ -83,11 +94,12 @@ pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFil
 /// # Errors
 /// As [`read_mesh`].
 pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
-    let parts = vtk::read(bytes, options).unwrap_or_else(|| {
+    let parts = vtk::read(bytes, options).or_else(|| gmsh::read(bytes, options));
+    let parts = parts.unwrap_or_else(|| {
         Err(Fault::at(
             0,
             quote(&bytes[..bytes.len().min(24)]),
-            "`# vtk DataFile` (legacy VTK) or an XML VTKFile of type UnstructuredGrid",
+            "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid, or `$MeshFormat` (Gmsh)",
         ))
     });
     let parts = parts.map_err(|fault| fault.locate(bytes, path))?;
@@ -99,5 +111,7 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         mesh,
         displacements: parts.displacements,
         skipped_cells: parts.skipped_cells,
+        region_names: parts.region_names,
+        warnings: parts.warnings,
     })
 }

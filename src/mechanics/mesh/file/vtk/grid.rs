@@ -1,5 +1,7 @@
 //! An unstructured grid as files hold it, and the tetrahedral mesh in it.
 
+use std::collections::BTreeMap;
+
 use super::{Fault, Parts, ReadOptions};
 use crate::mechanics::mesh::file::DISPLACEMENT;
 
@@ -71,6 +73,8 @@ impl Grid {
             regions,
             displacements,
             skipped_cells,
+            region_names: BTreeMap::new(),
+            warnings: Vec::new(),
         })
     }
 

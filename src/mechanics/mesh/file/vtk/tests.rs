@@ -25,5 +25,7 @@ pub(super) fn expected() -> MeshFile {
         mesh,
         displacements: Some(displacements),
         skipped_cells: 0,
+        region_names: Default::default(),
+        warnings: Vec::new(),
     }
 }

@@ -1,0 +1,225 @@
+//! Tetrahedra in Gmsh files (`.msh`), versions 2.2 and 4.1, ASCII and binary of either byte order.
+//!
+//! Formats as in the "MSH file format" chapters of the Gmsh reference manual (C. Geuzaine, J.-F. Remacle). Nodes are
+//! numbered in the order of their tags, elements as they stand in the file. Vertices, lines and surfaces are counted and left
+//! out; sections other than `$PhysicalNames`, `$Entities`, `$PartitionedEntities`, `$Nodes` and `$Elements` are skipped.
+//! Written here because the crate `mshio` reads neither version 2.2 nor the names of physical groups.
+//!
+//! The region of an element is the first physical group of its volume, whose name is kept, or the volume's own number where
+//! it is in none.
+
+mod elements;
+mod kinds;
+mod names;
+mod nodes;
+mod reader;
+mod v2;
+mod v4;
+
+use super::cursor::Cursor;
+use super::error::{Fault, quote};
+use super::{Parts, ReadOptions};
+use elements::{Elements, Regions};
+use nodes::Nodes;
+use reader::Reader;
+
+/// What the file has told so far.
+#[derive(Default)]
+struct Contents {
+    names: Option<names::Names>,
+    volumes: v4::Volumes,
+    nodes: Option<Nodes>,
+    elements: Option<Elements>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Version {
+    V2,
+    V4,
+}
+
+/// The tetrahedra of a Gmsh file; none where the contents are no Gmsh file.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
+    let is_section = bytes.trim_ascii_start().first() == Some(&b'$');
+    is_section.then(|| {
+        let regions = Regions::chosen(options)?;
+        let contents = sections(bytes, regions)?;
+        parts(contents)
+    })
+}
+
+fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
+    let mut reader = Reader::new(bytes);
+    let mut contents = Contents::default();
+    let mut version = None;
+    loop {
+        let (at, word) = reader.cursor.word();
+        let Some(name) = word.strip_prefix(b"$") else {
+            return match word {
+                b"" => Ok(contents),
+                _ => Err(Fault::at(at, quote(word), "a section such as $Nodes")),
+            };
+        };
+        let counts = match (name, version) {
+            (b"MeshFormat", None) => {
+                version = Some(header(&mut reader)?);
+                true
+            }
+            (b"NOD" | b"ELM", None) => return Err(Fault::at(at, "version 1 of the format", VERSIONS)),
+            (b"ParametricNodes", _) => {
+                return Err(Fault::at(
+                    at,
+                    "nodes with parameters",
+                    "$Nodes, as Gmsh writes by default",
+                ));
+            }
+            (b"PhysicalNames" | b"Entities" | b"Nodes" | b"Elements", None) => {
+                return Err(Fault::at(at, quote(word), "$MeshFormat before it"));
+            }
+            (_, None) => false,
+            (_, Some(version)) => section(name, at, version, &mut reader, &mut contents, regions)?,
+        };
+        if !counts {
+            skip(&mut reader.cursor, at, word)?;
+            continue;
+        }
+        let (at, word) = reader.cursor.word();
+        if word.strip_prefix(b"$End") != Some(name) {
+            return Err(Fault::at(
+                at,
+                quote(word),
+                format!("$End{}", String::from_utf8_lossy(name)),
+            ));
+        }
+    }
+}
+
+/// Reads a section after its name, which stands at `at`; false where it is one to skip.
+fn section(
+    name: &[u8],
+    at: usize,
+    version: Version,
+    reader: &mut Reader,
+    contents: &mut Contents,
+    regions: Regions,
+) -> Result<bool, Fault> {
+    let once = |repeated: bool| match repeated {
+        false => Ok(()),
+        true => Err(Fault::at(
+            at,
+            format!("${}", String::from_utf8_lossy(name)),
+            "one of each section, with $Elements as the last of them",
+        )),
+    };
+    match (name, version) {
+        (b"PhysicalNames", _) => {
+            once(contents.names.is_some())?;
+            contents.names = Some(names::read(reader)?);
+        }
+        (b"Entities" | b"PartitionedEntities", Version::V4) => {
+            once(contents.elements.is_some())?;
+            match name {
+                b"Entities" => v4::entities(reader, &mut contents.volumes)?,
+                _ => v4::partitioned(reader, &mut contents.volumes)?,
+            }
+        }
+        (b"Nodes", _) => {
+            once(contents.nodes.is_some())?;
+            contents.nodes = Some(match version {
+                Version::V2 => v2::nodes(reader, at)?,
+                Version::V4 => v4::nodes(reader, at)?,
+            });
+        }
+        (b"Elements", _) => {
+            once(contents.elements.is_some())?;
+            let nodes = contents.nodes.as_ref();
+            let nodes = nodes.ok_or_else(|| Fault::at(at, "$Elements", "$Nodes before it"))?;
+            contents.elements = Some(match version {
+                Version::V2 => v2::elements(reader, nodes, regions)?,
+                Version::V4 => v4::elements(reader, nodes, &contents.volumes, regions)?,
+            });
+        }
+        _ => return Ok(false),
+    }
+    Ok(true)
+}
+
+const VERSIONS: &str = "version 2.2 or 4.1 (save again with `gmsh old.msh -save -format msh41 -o new.msh`)";
+
+/// Version, file type and data size; sets the reader up.
+fn header(reader: &mut Reader) -> Result<Version, Fault> {
+    let (at, word) = reader.cursor.word();
+    let version = match word {
+        b"2" | b"2.0" | b"2.1" | b"2.2" => Version::V2,
+        b"4.1" => Version::V4,
+        _ => return Err(Fault::at(at, quote(word), VERSIONS)),
+    };
+    let (at, word) = reader.cursor.word();
+    let binary = match word {
+        b"0" => false,
+        b"1" => true,
+        _ => return Err(Fault::at(at, quote(word), "0 (ASCII) or 1 (binary)")),
+    };
+    let (at, word) = reader.cursor.word();
+    let wide = match (word, version) {
+        (b"8", _) => true,
+        (b"4", Version::V4) => false,
+        _ => return Err(Fault::at(at, quote(word), "a data size of 8 bytes")),
+    };
+    if binary {
+        reader.cursor.line();
+        let at = reader.cursor.at;
+        let big_endian = match reader.cursor.take(4) {
+            Some([1, 0, 0, 0]) => false,
+            Some([0, 0, 0, 1]) => true,
+            found => {
+                return Err(Fault::at(
+                    at,
+                    quote(found.unwrap_or_default()),
+                    "a binary 1 that tells the byte order",
+                ));
+            }
+        };
+        reader.set_binary(big_endian, wide);
+    }
+    Ok(version)
+}
+
+/// Passes over a section, whatever it holds.
+fn skip(cursor: &mut Cursor, at: usize, word: &[u8]) -> Result<(), Fault> {
+    let end = [b"$End", &word[1..]].concat();
+    let rest = cursor.rest();
+    let is_end = |place: &usize| {
+        let after = rest[*place..].strip_prefix(end.as_slice());
+        after.is_some_and(|after| after.first().is_none_or(u8::is_ascii_whitespace))
+    };
+    let place = (0..rest.len()).find(is_end);
+    let place = place.ok_or_else(|| Fault::at(at, quote(word), "a section of the format, or one that ends"))?;
+    cursor.at += place + end.len();
+    Ok(())
+}
+
+fn parts(contents: Contents) -> Result<Parts, Fault> {
+    let Contents {
+        names, nodes, elements, ..
+    } = contents;
+    let (Some(nodes), Some(elements)) = (nodes, elements) else {
+        return Err(Fault::whole(
+            "a Gmsh file without a mesh",
+            "the sections $Nodes and $Elements",
+        ));
+    };
+    let warnings = elements.warnings();
+    Ok(Parts {
+        nodes: nodes.positions,
+        region_names: names.map_or_else(Default::default, |names| elements.names(names)),
+        elements: elements.corners,
+        regions: elements.regions,
+        displacements: None,
+        skipped_cells: elements.skipped,
+        warnings,
+    })
+}
+
+#[cfg(test)]
+mod tests;

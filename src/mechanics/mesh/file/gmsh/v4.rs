@@ -1,0 +1,192 @@
+//! Entities, nodes and elements as version 4.1 has them.
+
+use std::collections::HashMap;
+
+use super::Fault;
+use super::elements::{Elements, Membership, Regions};
+use super::kinds::{CORNERS, Kind};
+use super::nodes::Nodes;
+use super::reader::{Item, Reader};
+
+const OF_VOLUMES: i32 = 3;
+
+/// A volume of the geometry, or the part of one that a partition holds.
+pub(super) struct Volume {
+    membership: Membership,
+    /// Physical groups that it is in.
+    groups: usize,
+}
+
+/// Volumes by their tags.
+pub(super) type Volumes = HashMap<i32, Volume>;
+
+/// `$Entities`.
+pub(super) fn entities(reader: &mut Reader, volumes: &mut Volumes) -> Result<(), Fault> {
+    reader.start_data();
+    each_entity(reader, volumes, |_, tag| Ok(tag))
+}
+
+/// `$PartitionedEntities`: as the others, each with the entity that it is part of and its partitions.
+pub(super) fn partitioned(reader: &mut Reader, volumes: &mut Volumes) -> Result<(), Fault> {
+    reader.start_data();
+    reader.size()?;
+    let ghosts = reader.count(INT_PAIR)?;
+    reader.skip_ints(2 * ghosts)?;
+    each_entity(reader, volumes, |reader, tag| {
+        let (dimension, parent) = (reader.int()?, reader.int()?);
+        ints(reader)?;
+        Ok(if dimension == OF_VOLUMES { parent } else { tag })
+    })
+}
+
+const INT: Item = Item {
+    ints: 1,
+    sizes: 0,
+    floats: 0,
+};
+const INT_PAIR: Item = Item { ints: 2, ..INT };
+
+/// Counts of points, curves, surfaces and volumes, and those. `volume` reads what follows a tag and says which volume of the
+/// geometry the entity belongs to.
+fn each_entity(
+    reader: &mut Reader,
+    volumes: &mut Volumes,
+    volume: impl Fn(&mut Reader, i32) -> Result<i32, Fault>,
+) -> Result<(), Fault> {
+    let mut counts = [0; 4];
+    for (dimension, count) in counts.iter_mut().enumerate() {
+        let floats = if dimension == 0 { 3 } else { 6 };
+        *count = reader.count(Item {
+            ints: 1,
+            sizes: 1,
+            floats,
+        })?;
+    }
+    for (dimension, count) in counts.into_iter().enumerate() {
+        for _ in 0..count {
+            let tag = reader.int()?;
+            let volume = volume(reader, tag)?;
+            reader.skip_floats(if dimension == 0 { 3 } else { 6 })?;
+            let groups = ints(reader)?;
+            if dimension > 0 {
+                ints(reader)?;
+            }
+            if dimension == OF_VOLUMES as usize {
+                volumes.insert(
+                    tag,
+                    Volume {
+                        membership: Membership::new(groups.first().copied(), volume),
+                        groups: groups.len(),
+                    },
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A count and that many ints.
+fn ints(reader: &mut Reader) -> Result<Vec<i32>, Fault> {
+    let count = reader.count(INT)?;
+    (0..count).map(|_| reader.int()).collect()
+}
+
+/// `$Nodes`, which stands at `section`.
+pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault> {
+    const NODE: Item = Item {
+        ints: 0,
+        sizes: 1,
+        floats: 3,
+    };
+    reader.start_data();
+    let (blocks, at) = (reader.size()?, reader.cursor.at);
+    let total = reader.count(NODE)?;
+    // The least and the greatest tag.
+    reader.skip_sizes(2)?;
+    let mut nodes = Vec::with_capacity(total);
+    for _ in 0..blocks {
+        let start = reader.cursor.at;
+        let (dimension, _, parametric) = (reader.int()?, reader.int()?, reader.int()?);
+        let parameters = match (dimension, parametric) {
+            (0..=OF_VOLUMES, 0) => 0,
+            (0..=OF_VOLUMES, 1) => dimension as usize,
+            _ => {
+                let found = format!("dimension {dimension}, parametric {parametric}");
+                return Err(Fault::at(start, found, "a dimension from 0 to 3, and 0 or 1"));
+            }
+        };
+        let count = reader.count(NODE)?;
+        let tags: Vec<u64> = (0..count).map(|_| reader.size()).collect::<Result<_, _>>()?;
+        for tag in tags {
+            nodes.push((tag, reader.position(tag)?));
+            reader.skip_floats(parameters)?;
+        }
+    }
+    sum(at, "nodes", nodes.len(), total)?;
+    Nodes::new(nodes, section)
+}
+
+/// `$Elements`.
+pub(super) fn elements(
+    reader: &mut Reader,
+    nodes: &Nodes,
+    volumes: &Volumes,
+    regions: Regions,
+) -> Result<Elements, Fault> {
+    reader.start_data();
+    let (blocks, at) = (reader.size()?, reader.cursor.at);
+    // At least a tag and a node each.
+    let total = reader.count(Item {
+        ints: 0,
+        sizes: 2,
+        floats: 0,
+    })?;
+    reader.skip_sizes(2)?;
+    let mut elements = Elements::new(regions);
+    for _ in 0..blocks {
+        let start = reader.cursor.at;
+        let (dimension, entity) = (reader.int()?, reader.int()?);
+        let at = reader.cursor.at;
+        let kind = Kind::usable(reader.int()?, at)?;
+        let count = reader.count(Item {
+            ints: 0,
+            sizes: 1 + kind.nodes,
+            floats: 0,
+        })?;
+        if !kind.is_tetrahedron() {
+            reader.skip_sizes(count * (1 + kind.nodes))?;
+            elements.skipped += count;
+            continue;
+        }
+        if dimension != OF_VOLUMES {
+            let found = format!("tetrahedra on an entity of dimension {dimension}");
+            return Err(Fault::at(start, found, "tetrahedra in volumes, of dimension 3"));
+        }
+        let of = volumes.get(&entity);
+        let membership = of.map_or(Membership::new(None, entity), |volume| volume.membership);
+        for _ in 0..count {
+            reader.size()?;
+            let mut corners = [0; CORNERS];
+            for corner in &mut corners {
+                let at = reader.cursor.at;
+                *corner = nodes.index(reader.size()?, at)?;
+            }
+            elements.push(corners, membership);
+        }
+        elements.further_groups += count * of.map_or(0, |volume| volume.groups.saturating_sub(1));
+    }
+    sum(at, "elements", elements.corners.len() + elements.skipped, total)?;
+    Ok(elements)
+}
+
+/// The items of the blocks must add up to the number told before them, at `at`.
+fn sum(at: usize, what: &str, found: usize, told: usize) -> Result<(), Fault> {
+    match found == told {
+        true => Ok(()),
+        false => Err(Fault::at(
+            at,
+            format!("{found} {what} in the blocks"),
+            format!("{told}"),
+        )),
+    }
+}
