@@ -51,7 +51,7 @@ pub enum SynthError {
 /// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedleShaft {
-    /// Nodes of the shaft, mm; two for a straight one.
+    /// Nodes of the shaft, mm, hub first; two for a straight one. Of more than 65 those towards the tip are shown.
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,
@@ -235,12 +235,12 @@ impl Synthesizer {
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
     /// what was is returned. On an error of the settings the synthesizer stays as it was.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
+        let previous = self.tables.settings.clone();
         let changed = self.tables.set(settings)?;
-        self.plan = Plan::new(&self.tables);
-        match &mut self.executor {
-            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables),
-            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables),
-            Executor::Gpu(gpu) => gpu.fit(&self.plan, &self.tables, &changed)?,
+        if let Err(refused) = self.fit(&changed) {
+            let changed = self.tables.set(previous)?;
+            self.fit(&changed)?;
+            return Err(refused);
         }
         let (width, height) = (self.tables.width(), self.tables.height());
         if (self.frame.width, self.frame.height) != (width, height) {
@@ -249,6 +249,16 @@ impl Synthesizer {
         }
         self.frame.pixel_mm = self.tables.image_grid.pixel_mm();
         Ok(changed)
+    }
+
+    fn fit(&mut self, changed: &[Resource]) -> Result<(), SynthError> {
+        self.plan = Plan::new(&self.tables);
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables),
+            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables),
+            Executor::Gpu(gpu) => gpu.fit(&self.plan, &self.tables, changed)?,
+        }
+        Ok(())
     }
 
     /// The settings in force.

@@ -15,6 +15,7 @@ use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
+use crate::tracking::needle::MAX_NODES;
 
 /// Echo of the needle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -60,7 +61,7 @@ impl NeedleEcho {
 }
 
 /// Most segments of a bent shaft.
-pub const MAX_SEGMENTS: usize = 64;
+pub const MAX_SEGMENTS: usize = MAX_NODES - 1;
 
 /// Registration.
 pub const EFFECT: Effect = Effect {
@@ -155,7 +156,9 @@ pub fn segments(view: &View, into: &mut Vec<[[f64; 4]; 2]>) {
     let (Some(needle), Some(world_to_probe)) = (&view.state.needle, view.state.probe_to_world.try_inverse()) else {
         return;
     };
-    for pair in needle.nodes.windows(2).take(MAX_SEGMENTS) {
+    // Of a shaft with more, the part towards the tip.
+    let first = needle.nodes.len().saturating_sub(MAX_SEGMENTS + 1);
+    for pair in needle.nodes[first..].windows(2) {
         let [a, b] = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
         into.push([[a.x, a.y, a.z, 0.0], [b.x, b.y, b.z, 0.0]]);
     }

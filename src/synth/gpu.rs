@@ -94,7 +94,9 @@ impl GpuExecutor {
     /// Adapts to a changed plan: makes what is new, drops what is not called for, uploads what changed.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
         self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
-        self.buffers.retain(|(resource, _), _| plan.uses(*resource));
+        let parts = |resource: Resource, bands: &[Band]| if resource.is_per_pixel() { bands.len() } else { 1 };
+        self.buffers
+            .retain(|&(resource, part), _| plan.uses(resource) && part < parts(resource, &self.bands));
         match &tables.anatomy.mesh {
             Some(mesh) if plan.uses(Resource::ElementMaps) => {
                 if self.warp.is_none() {
@@ -110,12 +112,7 @@ impl GpuExecutor {
             _ => self.warp = None,
         }
         for planned in &plan.resources {
-            let parts = if planned.resource.is_per_pixel() {
-                self.bands.len()
-            } else {
-                1
-            };
-            for part in 0..parts {
+            for part in 0..parts(planned.resource, &self.bands) {
                 self.fit_buffer(
                     planned.resource,
                     planned.bytes,

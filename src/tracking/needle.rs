@@ -19,6 +19,9 @@ pub const DEFAULT_DIAMETER_MM: f64 = 1.27;
 /// Length where a file names none, mm: a usual biopsy needle.
 pub const DEFAULT_LENGTH_MM: f64 = 150.0;
 
+/// Most nodes of a shaft: one every 5 mm of a needle of 300 mm, and a few more.
+pub const MAX_NODES: usize = 65;
+
 /// Farthest that a needle may be from the world's origin along an axis, mm.
 const FARTHEST_MM: f64 = super::matrix::FARTHEST_MM;
 
@@ -72,6 +75,12 @@ pub enum InvalidNeedle {
         /// Number of nodes given.
         found: usize,
     },
+    /// A shaft of more nodes than a frame can show.
+    #[error("needle key `nodes_mm` holds {found} points; expected at most {MAX_NODES}, hub first: leave some out")]
+    TooManyNodes {
+        /// Number of nodes given.
+        found: usize,
+    },
     /// Keys that do not say where the needle is, or say it twice.
     #[error("a needle needs either `nodes_mm`, or `tip_mm` with one of `entry_mm` and `direction`; found {found}")]
     Incomplete {
@@ -85,7 +94,7 @@ impl InvalidNeedle {
     pub fn key(&self) -> Option<&'static str> {
         match self {
             Self::OutOfRange { key, .. } | Self::Point { key, .. } | Self::Direction { key, .. } => Some(key),
-            Self::TooFewNodes { .. } => Some("nodes_mm"),
+            Self::TooFewNodes { .. } | Self::TooManyNodes { .. } => Some("nodes_mm"),
             Self::Coincident { .. } | Self::Incomplete { .. } => None,
         }
     }
@@ -114,6 +123,9 @@ impl NeedlePose {
         within("diameter_mm", diameter_mm, DIAMETER_MM)?;
         if nodes.len() < 2 {
             return Err(InvalidNeedle::TooFewNodes { found: nodes.len() });
+        }
+        if nodes.len() > MAX_NODES {
+            return Err(InvalidNeedle::TooManyNodes { found: nodes.len() });
         }
         for node in &nodes {
             point(key, (*node).into())?;
@@ -319,6 +331,13 @@ mod tests {
             let error = read(text).expect_err(text).to_string();
             assert!(error.contains(message), "{error}");
         }
+        let line: Vec<String> = (0..=MAX_NODES).map(|at| format!("[{at}, 0, 0]")).collect();
+        let error = read(&format!("nodes_mm = [{}]", line.join(", "))).expect_err("too many nodes");
+        assert!(
+            error.to_string().contains("holds 66 points; expected at most 65"),
+            "{error}"
+        );
+        assert!(read(&format!("nodes_mm = [{}]", line[1..].join(", "))).is_ok());
         assert!(toml::from_str::<NeedleSpec>("tip = [1, 0, 0]").is_err());
     }
 

@@ -14,6 +14,9 @@ pub(crate) const MAX_DATA_BYTES: u64 = 16 << 30;
 /// Determinant of the unit axis directions below which the axes are taken to lie in one plane.
 const MIN_DETERMINANT: f64 = 1e-6;
 
+/// Widest spacing, mm: ten metres, far beyond any body, and where a volume of any size still lies within finite numbers.
+const MAX_SPACING_MM: f64 = 1e4;
+
 /// Departure from a right angle between axes above which a transform is reported as sheared, degrees. Rounded direction
 /// cosines of real scanners stay below.
 const SHEAR_DEG: f64 = 0.1;
@@ -177,6 +180,13 @@ impl Header {
             return Err(self.malformed(
                 "a number that is not finite in the transform to the world",
                 "finite spacing, directions and origin",
+            ));
+        }
+        let steps = [x, y, z].map(|direction| direction.norm());
+        if let Some(step) = steps.into_iter().find(|step| *step > MAX_SPACING_MM) {
+            return Err(self.malformed(
+                format!("a spacing of {step:e} mm"),
+                format!("at most {MAX_SPACING_MM} mm"),
             ));
         }
         let units = [x, y, z].map(|direction| direction.try_normalize(0.0).unwrap_or_else(Vector3::zeros));

@@ -176,3 +176,40 @@ fn a_refused_change_leaves_everything_as_it_was() {
         assert_eq!(synthesizer.render(&state).expect("a frame"), &before);
     }
 }
+
+#[test]
+fn a_change_over_the_limits_leaves_everything_as_it_was() {
+    let Some(gpu) = gpu_or_skip("refused changes") else {
+        return;
+    };
+    let (anatomy, settings, _) = everything();
+    let mut synthesizer = synthesizer(&anatomy, &settings, backend(gpu));
+    let state = frame_of(&anatomy, 2);
+    let before = synthesizer.render(&state).expect("a frame").pixels.clone();
+    let (bytes, plan) = (synthesizer.memory_bytes(), synthesizer.plan().bytes());
+    let mut absurd = settings.clone();
+    // 8192 x 16384 positions of 16 bytes: 2 GiB, more than any binding holds.
+    (absurd.probe.lines, absurd.probe.samples) = (8192, 16_384);
+    (absurd.image.width, absurd.image.height) = (640, 480);
+    let refused = synthesizer.set(absurd).expect_err("over every limit").to_string();
+    assert!(refused.contains("max_storage_buffer_binding_size"), "{refused}");
+    assert_eq!(synthesizer.settings(), &settings);
+    assert_eq!((synthesizer.memory_bytes(), synthesizer.plan().bytes()), (bytes, plan));
+    assert_eq!(synthesizer.render(&state).expect("the same frame").pixels, before);
+}
+
+#[test]
+fn a_large_picture_gives_its_bands_back() {
+    let Some(gpu) = gpu_or_skip("bands given back") else {
+        return;
+    };
+    let (anatomy, settings, _) = everything();
+    let mut synthesizer = synthesizer(&anatomy, &settings, backend(gpu));
+    let bytes = synthesizer.memory_bytes();
+    let mut large = settings.clone();
+    (large.image.width, large.image.height) = (5000, 5000);
+    synthesizer.set(large).expect("several bands");
+    assert!(synthesizer.memory_bytes() > bytes + 5000 * 5000 * 8);
+    synthesizer.set(settings).expect("one band");
+    assert_eq!(synthesizer.memory_bytes(), bytes);
+}
