@@ -284,7 +284,7 @@ fn sheared_transforms_load_with_a_warning_and_singular_ones_do_not() {
         ("(0,0,0)", "span no volume"),
         ("(0,0,nan)", "not finite"),
         ("(0,0,inf)", "not finite"),
-        ("(0,0,1e30)", "a spacing of 1e30 mm; expected at most 10000 mm"),
+        ("(0,0,1e30)", "a spacing of 1e30 mm, expected at most 10000 mm"),
     ] {
         let message = write(third).unwrap_err().to_string();
         assert!(message.contains(expected), "{message} should hold {expected}");
