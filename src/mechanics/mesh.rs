@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`lattice`] | meshes made over a box |
 //! | [`displacement`] | analytic displacement fields |
-//! | [`file`] | mesh files: VTK, legacy and XML |
+//! | [`mod@file`] | mesh files: VTK, legacy and XML, and Gmsh |
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`map`] | world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
