@@ -78,7 +78,7 @@ fn panel_rows(panel: usize, size: usize) -> [usize; 2] {
 
 impl<T: Scalar> Symmetric<T> {
     /// The zero matrix of `size` rows. Takes [`bytes_of`](Self::bytes_of) bytes: check them against the machine's memory
-    /// first where `size` comes from a user, as [`Inverse`](super::inverse) does.
+    /// first where `size` comes from a user.
     pub fn zeros(size: usize) -> Self {
         let panels = (0..size.div_ceil(PANEL_ROWS)).into_par_iter();
         let zero = Column([T::of(0.0); PANEL_ROWS]);
