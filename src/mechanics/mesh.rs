@@ -5,6 +5,7 @@
 //! | [`lattice`] | meshes made over a box |
 //! | [`displacement`] | analytic displacement fields |
 //! | [`mod@file`] | mesh files: VTK, legacy and XML, and Gmsh |
+//! | [`generate`] | meshes made from labelled volumes |
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`map`] | world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
@@ -13,6 +14,7 @@ mod adjacency;
 pub mod displacement;
 mod element;
 pub mod file;
+pub mod generate;
 mod grid;
 pub mod lattice;
 pub mod locator;

@@ -1,0 +1,190 @@
+//! Keeping to the node budget: which lattice to start from, and how far to refine it.
+
+use super::assign::{self, Limits};
+use super::bisection::{Bisection, Lattice};
+use super::contents::Sampler;
+use super::draft::Draft;
+use super::refine::{End, Refinement};
+use super::tissue::Tissue;
+use super::{GenerateError, GenerateOptions, Generated, MOST_NODES, ROUNDS, finish, fit, smooth};
+
+/// Nodes of the result for each of the lattice: room for interfaces to be refined twice over while the bulk stays coarse.
+const REFINEMENT: f64 = 12.0;
+/// A cell is at least this share of the others across: tissue thinner than that lies in a wider cell, with space beside it.
+const NARROWEST: f64 = 0.4;
+/// Share of the budget that may go into the lattice so that thin tissue fills its cells.
+const THIN: f64 = 0.6;
+/// Shares of the budget that are aimed for, one after the other while the result exceeds it: the last steps move a node
+/// here or there across the surface.
+const AIMS: [f64; 6] = [0.985, 0.96, 0.9, 0.75, 0.5, 0.25];
+/// A count of nodes that falls short of the aim by less than this share is near enough.
+const SHORTFALL: f64 = 0.01;
+/// Most refinements for one aim.
+const TRIES: usize = 12;
+/// The most that refinement aims at, in multiples of the nodes that are wanted: where tissue is thinner than the elements,
+/// fewer of them are kept than refinement counts on.
+const OVERSHOOT: usize = 3;
+
+/// The lattice over a box of tissue whose low corner is the origin: cells as near to cubes as fill it exactly, but for a box
+/// far thinner than a cell, which lies in the middle of one layer.
+fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
+    let points = nodes as f64 / REFINEMENT;
+    let cells = |edge: f64| extent.map(|length| (length / edge).round().max(1.0));
+    let count = |edge: f64| cells(edge).iter().map(|n| n + 1.0).product::<f64>();
+    let longest = extent.iter().fold(0.0f64, |a, b| a.max(*b));
+    // The count falls as the edge grows: halve the interval between too many and the fewest.
+    let (mut fine, mut coarse) = (longest / points.max(1.0), longest);
+    for _ in 0..40 {
+        let middle = 0.5 * (fine + coarse);
+        if count(middle) > points {
+            fine = middle;
+        } else {
+            coarse = middle;
+        }
+    }
+    // Thin tissue is worth a finer lattice, since elements cannot be flat.
+    let thinnest = extent.iter().fold(f64::INFINITY, |a, b| a.min(*b));
+    let fitting = coarse.min(thinnest / NARROWEST);
+    let edge = if count(fitting) <= THIN * nodes as f64 {
+        fitting
+    } else {
+        coarse
+    };
+    let cells = cells(edge);
+    let (mut low, mut edges) = ([0.0; 3], [0.0; 3]);
+    for axis in 0..3 {
+        edges[axis] = extent[axis] / cells[axis];
+        if edges[axis] < 0.999 * NARROWEST * edge {
+            edges[axis] = edge;
+            low[axis] = 0.5 * (extent[axis] - edge);
+        }
+    }
+    Lattice {
+        cells: cells.map(|n| n as usize),
+        low,
+        edges,
+    }
+}
+
+/// A mesh of at most `nodes` nodes; none if there is none of so few.
+pub(super) fn within(
+    tissue: &Tissue,
+    sampler: &Sampler,
+    nodes: usize,
+    options: &GenerateOptions,
+    progress: &mut impl FnMut(f32),
+) -> Result<Option<Generated>, GenerateError> {
+    let limits = Limits::new(options.min_dihedral_deg);
+    for share in AIMS {
+        let aim = (share * nodes as f64) as usize;
+        let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &limits, progress)? else {
+            return Ok(None);
+        };
+        for round in 0..ROUNDS {
+            fit::fit(&mut draft, tissue, &limits);
+            smooth::relax(&mut draft);
+            draft.sample(tissue, sampler);
+            if round + 1 == ROUNDS {
+                assign::settle(&mut draft, tissue, &limits);
+            } else {
+                assign::prefer(&mut draft, tissue, &limits);
+            }
+            progress(0.4 + 0.6 * (round + 1) as f32 / ROUNDS as f32);
+        }
+        let kept = draft.kept_nodes();
+        if kept == 0 {
+            return Ok(None);
+        }
+        if kept <= nodes {
+            return finish::finish(&draft, tissue).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+/// A mesh refined until `aim` nodes belong to tissue, its elements assigned; none if that many show none.
+fn refined(
+    tissue: &Tissue,
+    sampler: &Sampler,
+    nodes: usize,
+    aim: usize,
+    options: &GenerateOptions,
+    limits: &Limits,
+    progress: &mut impl FnMut(f32),
+) -> Result<Option<Draft>, GenerateError> {
+    let max_edge = options.max_edge_mm.unwrap_or(f64::INFINITY);
+    let start = || {
+        Refinement::new(
+            Bisection::new(&lattice(tissue.extent, nodes)),
+            tissue,
+            sampler,
+            max_edge,
+        )
+    };
+    let mut refinement = start();
+    let mut target = aim;
+    let mut best: Option<Draft> = None;
+    for _ in 0..TRIES {
+        if refinement.nodes() > target {
+            refinement = start();
+        }
+        let end = refinement.refine(target, tissue, sampler, |found| {
+            progress(0.3 * found as f32 / target.max(1) as f32);
+        });
+        if refinement.is_overlong() {
+            let max_edge_mm = max_edge;
+            return Err(GenerateError::LongEdges { max_edge_mm, nodes });
+        }
+        let mut draft = Draft::new(&refinement.mesh, tissue, sampler)?;
+        assign::prefer(&mut draft, tissue, limits);
+        if 2 * draft.kept_nodes() < aim {
+            // Tissue thinner than the elements: only its volume brings it in.
+            assign::settle(&mut draft, tissue, limits);
+        }
+        let kept = draft.kept_nodes();
+        if kept <= aim && best.as_ref().is_none_or(|best| best.kept_nodes() < kept) {
+            best = Some(draft);
+        }
+        if end == End::Pure && kept <= aim || kept <= aim && kept as f64 >= (1.0 - SHORTFALL) * aim as f64 {
+            break;
+        }
+        let next = target as f64 * (aim as f64 / kept.max(1) as f64).clamp(0.25, 2.0);
+        target = if kept > aim {
+            (next as usize).min(target - 1)
+        } else {
+            (next as usize).max(target + 1)
+        };
+        if target < 4 || target > OVERSHOOT * aim {
+            break;
+        }
+    }
+    progress(0.4);
+    Ok(best.filter(|draft| draft.kept_nodes() > 0))
+}
+
+/// Why `nodes` are too few, with the least that works: found by doubling, then halving the interval.
+pub(super) fn shortage(
+    tissue: &Tissue,
+    sampler: &Sampler,
+    nodes: usize,
+    options: &GenerateOptions,
+) -> Result<GenerateError, GenerateError> {
+    let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|found| found.is_some());
+    let (mut short, mut enough) = (nodes, nodes.max(4));
+    while !works(enough)? {
+        if enough > MOST_NODES / 64 {
+            return Ok(GenerateError::TooThin { nodes: enough });
+        }
+        short = enough;
+        enough *= 2;
+    }
+    while enough - short > 1 + enough / 16 {
+        let middle = short + (enough - short) / 2;
+        if works(middle)? {
+            enough = middle;
+        } else {
+            short = middle;
+        }
+    }
+    Ok(GenerateError::TooFewNodes { nodes, least: enough })
+}

@@ -1,0 +1,100 @@
+//! What an element holds: the tissue at a regular lattice of points inside it.
+
+use super::shape::six_volumes;
+use super::tissue::{OUTSIDE, Tissue};
+
+/// Fewest points of an element: order 2, 10 points.
+const LEAST_ORDER: usize = 2;
+/// Most points of an element: order 18, 1,330 points.
+const MOST_ORDER: usize = 18;
+/// Points for each voxel that fits into the element, between these bounds.
+const DENSITY: f64 = 0.5;
+
+/// The shares of the classes in one element.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Contents {
+    /// Volume of the element, mm^3.
+    pub volume: f64,
+    /// Classes and their volumes in it (mm^3), ascending by class, none empty.
+    pub parts: Vec<(u8, f64)>,
+}
+
+impl Contents {
+    /// Volume of a class in the element, mm^3.
+    pub fn of(&self, class: u8) -> f64 {
+        self.parts
+            .iter()
+            .find(|part| part.0 == class)
+            .map_or(0.0, |part| part.1)
+    }
+
+    /// Volume of all tissue in the element, mm^3.
+    pub fn tissue(&self) -> f64 {
+        self.volume - self.of(OUTSIDE)
+    }
+
+    /// Outside if that is half of the volume or more, else the class with most of it; of several the lowest.
+    pub fn majority(&self) -> u8 {
+        let mut best = (OUTSIDE, 0.0);
+        if 2.0 * self.of(OUTSIDE) < self.volume {
+            for &part in self.parts.iter().filter(|part| part.0 != OUTSIDE) {
+                if part.1 > best.1 {
+                    best = part;
+                }
+            }
+        }
+        best.0
+    }
+
+    /// Volume of what is not the majority, mm^3.
+    pub fn impurity(&self) -> f64 {
+        self.volume - self.of(self.majority())
+    }
+}
+
+/// The points by order `n`: barycentric coordinates `(a + 1/4) / (n + 1)` for whole `a` that add up to `n`.
+pub(super) struct Sampler {
+    lattices: Vec<Vec<[f64; 4]>>,
+}
+
+impl Sampler {
+    pub fn new() -> Self {
+        let lattice = |n: usize| {
+            let scale = 1.0 / (n + 1) as f64;
+            let mut points = Vec::new();
+            for a in 0..=n {
+                for b in 0..=n - a {
+                    for c in 0..=n - a - b {
+                        points.push([a, b, c, n - a - b - c].map(|x| (x as f64 + 0.25) * scale));
+                    }
+                }
+            }
+            points
+        };
+        Sampler {
+            lattices: (LEAST_ORDER..=MOST_ORDER).map(lattice).collect(),
+        }
+    }
+
+    /// What the element with these corners holds.
+    pub fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
+        let volume = six_volumes(corners).abs() / 6.0;
+        let wanted = DENSITY * volume / tissue.voxel_mm3;
+        let last = &self.lattices[self.lattices.len() - 1];
+        let fitting = self.lattices.iter().find(|lattice| lattice.len() as f64 >= wanted);
+        let lattice = fitting.unwrap_or(last);
+        let at = corners.map(|corner| tissue.index_of(corner));
+        let mut counts = [0u16; 256];
+        for w in lattice {
+            let index =
+                [0, 1, 2].map(|axis| w[0] * at[0][axis] + w[1] * at[1][axis] + w[2] * at[2][axis] + w[3] * at[3][axis]);
+            counts[usize::from(tissue.class_at_index(index))] += 1;
+        }
+        let share = volume / lattice.len() as f64;
+        let parts = (0..tissue.regions.len())
+            .filter(|class| counts[*class] > 0)
+            .map(|class| (class as u8, f64::from(counts[class]) * share))
+            .collect();
+        Contents { volume, parts }
+    }
+}

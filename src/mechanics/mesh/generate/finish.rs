@@ -1,0 +1,78 @@
+//! The draft without what lies outside, in the world, and its figures.
+
+use super::draft::Draft;
+use super::shape::sharpest_cosine;
+use super::tissue::{OUTSIDE, Tissue};
+use super::{GenerateError, GenerateReport, Generated, RegionVolume};
+use crate::mechanics::mesh::{NONE, TetMesh};
+
+/// The mesh of the elements that are kept. Nodes are numbered in the order in which elements name them.
+pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, GenerateError> {
+    let mut numbers = vec![NONE; draft.nodes.len()];
+    let (mut nodes, mut elements, mut regions) = (Vec::new(), Vec::new(), Vec::new());
+    let mut sharpest = -1.0f64;
+    for element in draft.kept() {
+        let corners = draft.elements[element as usize];
+        elements.push(corners.map(|node| {
+            let number = &mut numbers[node as usize];
+            if *number == NONE {
+                *number = nodes.len() as u32;
+                nodes.push(tissue.to_world(draft.nodes[node as usize]));
+            }
+            *number
+        }));
+        regions.push(tissue.regions[usize::from(draft.classes[element as usize])]);
+        sharpest = sharpest.max(sharpest_cosine(&draft.corners(element)));
+    }
+    let mesh = TetMesh::new(nodes, elements, regions)?;
+    let report = GenerateReport {
+        nodes: mesh.nodes().len(),
+        elements: mesh.elements().len(),
+        parts: parts(&mesh),
+        min_dihedral_deg: sharpest.clamp(-1.0, 1.0).acos().to_degrees(),
+        regions: volumes(draft, tissue),
+        mislabelled_percent: mislabelled_percent(draft, tissue),
+    };
+    Ok(Generated { mesh, report })
+}
+
+fn volumes(draft: &Draft, tissue: &Tissue) -> Vec<RegionVolume> {
+    let volumes = draft.volumes(tissue.regions.len());
+    let region = |class: usize| RegionVolume {
+        region: tissue.regions[class],
+        voxel_ml: tissue.volumes[class] / 1000.0,
+        mesh_ml: volumes[class] / 1000.0,
+        error_percent: 100.0 * (volumes[class] / tissue.volumes[class] - 1.0),
+    };
+    (1..tissue.regions.len()).map(region).collect()
+}
+
+fn mislabelled_percent(draft: &Draft, tissue: &Tissue) -> f64 {
+    let wrong = |(contents, &class): (&super::contents::Contents, &u8)| contents.volume - contents.of(class);
+    let wrong: f64 = draft.contents.iter().zip(&draft.classes).map(wrong).sum();
+    let all: f64 = tissue.volumes[usize::from(OUTSIDE) + 1..].iter().sum();
+    100.0 * wrong / all
+}
+
+/// Parts that hang together through faces.
+fn parts(mesh: &TetMesh) -> usize {
+    let mut seen = vec![false; mesh.elements().len()];
+    let mut open = Vec::new();
+    let mut parts = 0;
+    for first in 0..seen.len() {
+        if seen[first] {
+            continue;
+        }
+        parts += 1;
+        seen[first] = true;
+        open.push(first);
+        while let Some(element) = open.pop() {
+            for &next in mesh.neighbours()[element].iter().filter(|next| **next != NONE) {
+                if !std::mem::replace(&mut seen[next as usize], true) {
+                    open.push(next as usize);
+                }
+            }
+        }
+    }
+    parts
+}

@@ -1,0 +1,171 @@
+//! Refinement to a node budget: the element that is least pure is halved, again and again.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::bisection::Bisection;
+use super::contents::{Contents, Sampler};
+use super::shape::{norm, sub};
+use super::tissue::{OUTSIDE, Tissue};
+
+/// Share of the tissue in an element that counts as impure whatever it is: pure elements are halved too once they are some
+/// thirty times as large as those of interfaces, so the bulk is graded and can bend.
+const BULK: f64 = 0.01;
+/// Most nodes of all elements for each that is wanted: where tissue is so thin that hardly an element is mostly tissue,
+/// refinement must end for lack of room.
+const SURROUNDINGS: usize = 8;
+/// Nodes beyond these that refinement may always make.
+const LATTICE_ROOM: usize = 64;
+/// Score of an element that is too long, mm^3: above that of any other.
+const OVERLONG: f64 = 1e30;
+
+/// An element in the queue: highest score first, of equals the lowest number. Scores are ordered by their bits, which for
+/// numbers of 0 and more is their order.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry {
+    score: u64,
+    before: Reverse<u32>,
+    version: u32,
+}
+
+/// Why refinement ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// As many nodes as wanted.
+    Target,
+    /// Nothing is left to halve.
+    Pure,
+}
+
+#[derive(Clone, Copy, Default)]
+struct State {
+    /// How often the element has been looked at.
+    version: u32,
+    /// Its corners when it last was, if it then was mostly tissue.
+    kept: Option<[u32; 4]>,
+}
+
+/// A bisection, what its elements hold, and the elements in the order in which they are to be halved.
+#[derive(Clone)]
+pub(super) struct Refinement {
+    pub mesh: Bisection,
+    states: Vec<State>,
+    queue: BinaryHeap<Entry>,
+    /// Elements around each node that are mostly tissue.
+    kept: Vec<u32>,
+    /// Nodes of such elements.
+    kept_nodes: usize,
+    max_edge: f64,
+}
+
+impl Refinement {
+    /// Starts from a mesh. `max_edge_mm` is the longest edge of an element with tissue in it.
+    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, max_edge_mm: f64) -> Self {
+        let mut refinement = Refinement {
+            kept: vec![0; mesh.nodes.len()],
+            states: Vec::new(),
+            queue: BinaryHeap::new(),
+            kept_nodes: 0,
+            max_edge: max_edge_mm,
+            mesh,
+        };
+        for element in 0..refinement.mesh.elements.len() as u32 {
+            refinement.admit(element, tissue, sampler);
+        }
+        refinement
+    }
+
+    /// Nodes of elements that are mostly tissue.
+    pub fn nodes(&self) -> usize {
+        self.kept_nodes
+    }
+
+    /// Halves elements until `target` nodes belong to tissue.
+    pub fn refine(
+        &mut self,
+        target: usize,
+        tissue: &Tissue,
+        sampler: &Sampler,
+        mut progress: impl FnMut(usize),
+    ) -> End {
+        let mut changed = Vec::new();
+        while self.kept_nodes < target && self.mesh.nodes.len() < SURROUNDINGS * target + LATTICE_ROOM {
+            let Some(entry) = self.queue.pop() else {
+                return End::Pure;
+            };
+            let element = entry.before.0;
+            if entry.version != self.states[element as usize].version {
+                continue;
+            }
+            changed.clear();
+            self.mesh.bisect(element, &mut changed);
+            changed.sort_unstable();
+            changed.dedup();
+            self.kept.resize(self.mesh.nodes.len(), 0);
+            for &element in &changed {
+                self.admit(element, tissue, sampler);
+            }
+            progress(self.kept_nodes);
+        }
+        End::Target
+    }
+
+    /// Whether an element is still longer than it should be.
+    pub fn is_overlong(&self) -> bool {
+        self.queue.iter().any(|entry| {
+            entry.score >= OVERLONG.to_bits() && entry.version == self.states[entry.before.0 as usize].version
+        })
+    }
+
+    /// Takes an element into the queue and the count, with the corners it has now.
+    fn admit(&mut self, element: u32, tissue: &Tissue, sampler: &Sampler) {
+        let at = element as usize;
+        if self.states.len() <= at {
+            self.states.resize(at + 1, State::default());
+        }
+        let corners = self.mesh.corners(element);
+        let contents = sampler.contents(tissue, &corners);
+        for node in self.states[at].kept.take().into_iter().flatten() {
+            self.kept[node as usize] -= 1;
+            self.kept_nodes -= usize::from(self.kept[node as usize] == 0);
+        }
+        self.states[at].version += 1;
+        if contents.majority() != OUTSIDE {
+            let corners = self.mesh.elements[at];
+            for node in corners {
+                self.kept_nodes += usize::from(self.kept[node as usize] == 0);
+                self.kept[node as usize] += 1;
+            }
+            self.states[at].kept = Some(corners);
+        }
+        let score = self.score(&contents, &corners, tissue.voxel_mm3);
+        if score > 0.0 {
+            self.queue.push(Entry {
+                score: score.to_bits(),
+                before: Reverse(element),
+                version: self.states[at].version,
+            });
+        }
+    }
+
+    /// How much an element wants to be halved; 0 if it does not.
+    fn score(&self, contents: &Contents, corners: &[[f64; 3]; 4], voxel_mm3: f64) -> f64 {
+        let tissue = contents.tissue();
+        if tissue <= 0.0 {
+            return 0.0;
+        }
+        let longest = (0..4)
+            .flat_map(|a| (0..a).map(move |b| norm(sub(corners[a], corners[b]))))
+            .fold(0.0, f64::max);
+        if longest > self.max_edge {
+            return OVERLONG + longest;
+        }
+        // What is smaller than a voxel cannot become purer by being halved.
+        let impurity = if contents.volume < voxel_mm3 {
+            0.0
+        } else {
+            contents.impurity()
+        };
+        impurity + BULK * tissue
+    }
+}
