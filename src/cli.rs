@@ -8,6 +8,7 @@ mod failure;
 mod info;
 mod input;
 mod inspect;
+mod mesh;
 mod phantom;
 mod plan;
 mod render;
@@ -51,6 +52,7 @@ enum Command {
     Bench(bench::Bench),
     Info(info::Info),
     Phantom(phantom::Phantom),
+    Mesh(mesh::Mesh),
     Scene(scene::Scene),
     Schema(schema::Schema),
     Doctor(doctor::Doctor),
@@ -67,6 +69,7 @@ impl Cli {
             Command::Bench(bench) => bench.run(),
             Command::Info(info) => info.run(),
             Command::Phantom(phantom) => phantom.run(),
+            Command::Mesh(mesh) => mesh.run(),
             Command::Scene(scene) => scene.run(),
             Command::Schema(schema) => schema.run(),
             Command::Doctor(doctor) => doctor.run(),

@@ -6,6 +6,7 @@ use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::gpu::GpuError;
 use crate::mechanics::mesh::file::MeshFileError;
+use crate::mechanics::mesh::generate::GenerateError;
 use crate::output::atomic::WriteError;
 use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;
@@ -33,6 +34,9 @@ pub enum Error {
     /// A mesh file cannot be read or written.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
+    /// A mesh cannot be made from a volume.
+    #[error(transparent)]
+    Generate(#[from] GenerateError),
     /// A frame cannot be synthesised.
     #[error(transparent)]
     Synth(#[from] SynthError),
@@ -66,7 +70,7 @@ impl Error {
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
             Self::Write(_) => true,
-            Self::Completion(_) | Self::Phantom(_) | Self::Synth(_) => false,
+            Self::Completion(_) | Self::Phantom(_) | Self::Generate(_) | Self::Synth(_) => false,
         }
     }
 

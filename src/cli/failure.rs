@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use insonify::error::{INPUT, MACHINE};
 use insonify::gpu::GpuError;
+use insonify::mechanics::mesh::file::MeshFileError;
+use insonify::mechanics::mesh::generate::GenerateError;
 use insonify::output::atomic::WriteError;
 use insonify::output::png::PngError;
 use insonify::output::sequence::SequenceError;
@@ -13,6 +15,7 @@ use insonify::phantom::PhantomError;
 use insonify::scene::SceneError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
+use insonify::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand ends without having done what was asked.
@@ -96,7 +99,10 @@ macro_rules! from_library {
 }
 
 from_library!(
+    CompletionError,
+    GenerateError,
     GpuError,
+    MeshFileError,
     PhantomError,
     PngError,
     SceneError,

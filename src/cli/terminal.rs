@@ -47,15 +47,31 @@ pub fn report(failure: Failure) {
     say(format_args!("{:?}", miette::Report::new(failure)));
 }
 
+/// Steps of the bar that [`share`] makes.
+pub const SHARES: u64 = 1000;
+
+/// A bar over one piece of work; hidden where standard error is no terminal, and on request.
+pub fn share(quiet: bool) -> ProgressBar {
+    if quiet {
+        return ProgressBar::hidden();
+    }
+    styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left")
+}
+
 /// A bar over the frames of a run; hidden where standard error is no terminal, for a single frame, and on request.
 pub fn progress(frames: usize, quiet: bool) -> ProgressBar {
     if quiet || frames < 2 {
         return ProgressBar::hidden();
     }
     // Hides itself where standard error is no terminal.
-    let bar = ProgressBar::new(frames as u64);
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left");
-    match style {
+    styled(
+        ProgressBar::new(frames as u64),
+        "{bar:40} {pos}/{len} frames, {eta} left",
+    )
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+    match ProgressStyle::with_template(template) {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
     }

@@ -99,6 +99,9 @@ pub struct GenerateReport {
     pub parts: usize,
     /// Smallest angle between two faces of an element, degrees.
     pub min_dihedral_deg: f64,
+    /// Largest condition number of an element's Jacobian against the regular tetrahedron: 1 is regular (P. M. Knupp,
+    /// "Algebraic mesh quality metrics", SIAM Journal on Scientific Computing 23, 2001, Frobenius norms over 3).
+    pub max_jacobian_condition: f64,
     /// Regions, in the order in which they were asked for.
     pub regions: Vec<RegionVolume>,
     /// Volume that has the wrong region, lies outside the tissue or is missing, as a share of that of the tissue, per cent.

@@ -1,7 +1,7 @@
 //! The draft without what lies outside, in the world, and its figures.
 
 use super::draft::Draft;
-use super::shape::sharpest_cosine;
+use super::shape::{jacobian_condition, sharpest_cosine};
 use super::tissue::{OUTSIDE, Tissue};
 use super::{GenerateError, GenerateReport, Generated, RegionVolume};
 use crate::mechanics::mesh::{NONE, TetMesh};
@@ -25,11 +25,13 @@ pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, Genera
         sharpest = sharpest.max(sharpest_cosine(&draft.corners(element)));
     }
     let mesh = TetMesh::new(nodes, elements, regions)?;
+    let conditions = draft.kept().map(|element| jacobian_condition(&draft.corners(element)));
     let report = GenerateReport {
         nodes: mesh.nodes().len(),
         elements: mesh.elements().len(),
         parts: parts(&mesh),
         min_dihedral_deg: sharpest.clamp(-1.0, 1.0).acos().to_degrees(),
+        max_jacobian_condition: conditions.fold(1.0, f64::max),
         regions: volumes(draft, tissue),
         mislabelled_percent: mislabelled_percent(draft, tissue),
     };

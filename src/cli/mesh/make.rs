@@ -1,0 +1,311 @@
+//! `insonify mesh make`: a tetrahedral mesh from a labelled volume.
+
+use std::fmt::Write;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use insonify::mechanics::mesh::file::write_vtu;
+use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
+use insonify::output::atomic::WriteError;
+use insonify::volume::complete::{CompleteOptions, complete};
+use insonify::volume::{Label, LabelVolume, load};
+use serde::Serialize;
+
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify mesh make ct.nii.gz --nodes 3300 -o body.vtu          the body completed around the organs, one region a label
+  insonify mesh make ct.nii.gz --nodes 1000 --labels 5 -o liver.vtu
+  insonify mesh make ct.nii.gz --nodes 10000 --no-complete -o organs.vtu --json
+
+Regions carry the label values of the volume in the cell array `region`.";
+
+/// Regions below this need not keep their volume, ml.
+const LARGE_ML: f64 = 50.0;
+/// Volume error of a larger region that is worth a warning, per cent.
+const WORST_PERCENT: f64 = 3.0;
+/// Share of the tissue in the wrong region that is worth a warning, per cent.
+const WRONG_PERCENT: f64 = 50.0;
+
+/// Makes a tetrahedral mesh from a labelled volume: conforming, one region a label, fine where tissues meet
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Make {
+    /// Label file: NIfTI, NRRD or MetaImage
+    #[arg(value_name = "VOLUME")]
+    volume: PathBuf,
+    /// The most nodes that the mesh may have; it has nearly as many
+    #[arg(long, value_name = "N")]
+    nodes: usize,
+    /// File to write (.vtu)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Label values to mesh, without anything around them [default: all]
+    #[arg(long, value_name = "VALUE,...", value_delimiter = ',', allow_hyphen_values = true)]
+    labels: Vec<i64>,
+    /// Fill the unlabelled body around the organs as `render` does; the default without --labels
+    #[arg(long, conflicts_with_all = ["no_complete", "labels"])]
+    complete: bool,
+    /// Mesh what is labelled only: organs that do not touch become parts of their own
+    #[arg(long)]
+    no_complete: bool,
+    /// Least angle between two faces of an element, degrees (0 to 30): small follows interfaces closer
+    #[arg(long, value_name = "DEG", default_value_t = GenerateOptions::default().min_dihedral_deg)]
+    min_dihedral_deg: f64,
+    /// Longest edge within tissue before nodes are moved to interfaces, mm [default: as the nodes allow]
+    #[arg(long, value_name = "MM")]
+    max_edge_mm: Option<f64>,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    nodes: usize,
+    elements: usize,
+    parts: usize,
+    min_dihedral_deg: f64,
+    max_jacobian_condition: f64,
+    mislabelled_percent: f64,
+    regions: Vec<Region>,
+    seconds: f64,
+    notes: Vec<String>,
+    warnings: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct Region {
+    value: i64,
+    name: String,
+    voxels_ml: f64,
+    mesh_ml: f64,
+    error_percent: f64,
+}
+
+impl Make {
+    pub fn run(&self) -> Result<(), Failure> {
+        self.check_output()?;
+        let loaded = load(&self.volume)?;
+        let mut warnings = loaded.warnings;
+        let mut volume = loaded.volume;
+        let mut notes = Vec::new();
+        if self.labels.is_empty() && !self.no_complete {
+            let completed = complete(&volume, &CompleteOptions::default())?;
+            volume = completed.volume;
+            notes.push(completed.note);
+        } else {
+            notes.push("unlabelled voxels are outside, as asked: nothing was filled".to_owned());
+        }
+        if !self.quiet {
+            notes
+                .iter()
+                .for_each(|note| terminal::say(format_args!("note: {note}")));
+        }
+        let regions = self.regions(&volume)?;
+        let grid = LabelGrid {
+            labels: volume.voxels(),
+            size: volume.size(),
+            index_to_world: *volume.index_to_world(),
+            regions: &regions,
+        };
+        let options = GenerateOptions {
+            min_dihedral_deg: self.min_dihedral_deg,
+            max_edge_mm: self.max_edge_mm,
+        };
+        let start = Instant::now();
+        let bar = terminal::share(self.quiet);
+        let generated = generate(&grid, self.nodes, &options, |share| {
+            bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let generated = generated?;
+        let seconds = start.elapsed().as_secs_f64();
+        write_vtu(&self.output, &generated.mesh, None)?;
+
+        let report = Report::new(&generated.report, volume.labels(), seconds, notes, &mut warnings);
+        report.warnings.iter().for_each(terminal::warn);
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            terminal::emit(&report.table(&self.output))
+        }
+    }
+
+    /// Refuses an output that cannot be written before long work is done for it.
+    fn check_output(&self) -> Result<(), Failure> {
+        let named = self
+            .output
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("vtu"));
+        if !named {
+            let found = format!("{}: meshes are written as .vtu", self.output.display());
+            return Err(Failure::usage(found, "name the output with the ending .vtu"));
+        }
+        let folder = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+        match folder {
+            Some(folder) if !folder.is_dir() => {
+                let cause = io::Error::from(io::ErrorKind::NotFound);
+                Err(WriteError::new(&self.output, cause).into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The labels to mesh, each with its value for a region number.
+    fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Failure> {
+        let labels = volume.labels();
+        let held: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
+        if held.is_empty() {
+            let found = format!("{}: no voxel is labelled", self.volume.display());
+            return Err(Failure::usage(found, "give a volume with labels other than 0"));
+        }
+        let mut chosen = Vec::new();
+        for value in &self.labels {
+            match held.iter().find(|index| labels[**index].value == *value) {
+                Some(&index) if !chosen.contains(&index) => chosen.push(index),
+                Some(_) => {}
+                None => {
+                    let found = format!("{}: no voxel has label {value}", self.volume.display());
+                    return Err(Failure::usage(
+                        found,
+                        format!("it holds the labels {}", listed(labels, &held)),
+                    ));
+                }
+            }
+        }
+        if self.labels.is_empty() {
+            chosen = held;
+        }
+        chosen
+            .into_iter()
+            .map(|index| {
+                let value = labels[index].value;
+                let number = i32::try_from(value).map_err(|_| {
+                    let found = format!("label {value} cannot be a region number");
+                    Failure::usage(found, "region numbers have 32 bits: renumber the label")
+                })?;
+                Ok((index as u8, number))
+            })
+            .collect()
+    }
+}
+
+/// Values of labels with their names, for a message.
+fn listed(labels: &[Label], which: &[usize]) -> String {
+    let one = |&index: &usize| match &labels[index].name {
+        Some(name) => format!("{} ({name})", labels[index].value),
+        None => labels[index].value.to_string(),
+    };
+    which.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+impl Report {
+    fn new(
+        made: &GenerateReport,
+        labels: &[Label],
+        seconds: f64,
+        notes: Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Self {
+        let name = |value: i64| {
+            labels
+                .iter()
+                .find(|label| label.value == value)
+                .and_then(|label| label.name.clone())
+        };
+        let regions: Vec<Region> = made
+            .regions
+            .iter()
+            .map(|region| Region {
+                value: i64::from(region.region),
+                name: name(i64::from(region.region)).unwrap_or_default(),
+                voxels_ml: region.voxel_ml,
+                mesh_ml: region.mesh_ml,
+                error_percent: region.error_percent,
+            })
+            .collect();
+        let values = |which: &dyn Fn(&Region) -> bool| -> Vec<String> {
+            regions
+                .iter()
+                .filter(|region| which(region))
+                .map(|region| region.value.to_string())
+                .collect()
+        };
+        let lost = values(&|region| region.mesh_ml == 0.0);
+        if !lost.is_empty() {
+            warnings.push(format!(
+                "no element is fine enough for the labels {}: they are not in the mesh",
+                lost.join(", ")
+            ));
+        }
+        let off = values(&|region| region.voxels_ml > LARGE_ML && region.error_percent.abs() > WORST_PERCENT);
+        if !off.is_empty() {
+            warnings.push(format!(
+                "regions {} of more than {LARGE_ML} ml are off by more than {WORST_PERCENT} % in volume: more nodes would help",
+                off.join(", ")
+            ));
+        }
+        if made.mislabelled_percent > WRONG_PERCENT {
+            warnings.push(format!(
+                "{:.0} % of the tissue lies in another region than its own: most of it is thinner than the elements; more nodes would help",
+                made.mislabelled_percent
+            ));
+        }
+        if made.parts > 1 {
+            warnings.push(format!(
+                "the mesh has {} parts that do not touch: each needs fixed nodes of its own",
+                made.parts
+            ));
+        }
+        Report {
+            nodes: made.nodes,
+            elements: made.elements,
+            parts: made.parts,
+            min_dihedral_deg: made.min_dihedral_deg,
+            max_jacobian_condition: made.max_jacobian_condition,
+            mislabelled_percent: made.mislabelled_percent,
+            regions,
+            seconds,
+            notes,
+            warnings: std::mem::take(warnings),
+        }
+    }
+
+    fn table(&self, output: &Path) -> String {
+        let mut text = format!(
+            "wrote {}: {} nodes, {} tetrahedra, made in {:.1} s\n\
+             least dihedral angle {:.1} degrees, largest Jacobian condition {:.1}, {:.1} % of the tissue mislabelled\n\n",
+            output.display(),
+            self.nodes,
+            self.elements,
+            self.seconds,
+            self.min_dihedral_deg,
+            self.max_jacobian_condition,
+            self.mislabelled_percent,
+        );
+        let named = self.regions.iter().map(|region| region.name.chars().count()).max();
+        let width = named.unwrap_or(0).max("name".len());
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "{:>6}  {:<width$}  {:>10}  {:>10}  {:>8}",
+            "region", "name", "voxels ml", "mesh ml", "error %"
+        );
+        for region in &self.regions {
+            let _ = writeln!(
+                text,
+                "{:>6}  {:<width$}  {:>10.2}  {:>10.2}  {:>8.2}",
+                region.value, region.name, region.voxels_ml, region.mesh_ml, region.error_percent
+            );
+        }
+        text
+    }
+}
