@@ -9,6 +9,7 @@
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`map`] | world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
+//! | [`quality`] | shapes of elements, and whether a mesh can be calculated on |
 
 mod adjacency;
 pub mod displacement;
@@ -20,6 +21,7 @@ pub mod lattice;
 pub mod locator;
 pub mod map;
 pub mod pack;
+pub mod quality;
 
 pub use displacement::{Displacement, InvalidDisplacement};
 pub use locator::{Hit, Locator, LocatorReport, NONE};
