@@ -10,14 +10,29 @@
 //! | [`rigid`] | the rigid motions that the fixed nodes leave |
 //! | [`symmetric`] | a dense symmetric matrix in row panels, and its updates |
 //! | [`compliance`] | entries and columns of K^-1, wherever they come from |
+//! | [`inverse`] | the dense inverse of the stiffness |
+//! | [`cache`] | the inverse on disk |
+//! | [`columns`] | columns of the inverse, solved on demand |
+//! | [`frames`] | the axes of a contact node |
+//! | [`condensed`] | the compliance of the contact nodes |
+//! | [`switching`] | forces or displacements prescribed at contacts |
 //! | [`problem`] | a static problem, checked and solved |
 
 pub mod assembly;
+pub mod cache;
+pub mod columns;
 pub mod compliance;
+pub mod condensed;
 pub mod dofs;
 pub mod element;
 pub mod factor;
+pub mod frames;
+pub mod inverse;
 pub mod material;
 pub mod problem;
 pub mod rigid;
+pub mod switching;
 pub mod symmetric;
+
+#[cfg(test)]
+mod testing;

@@ -78,7 +78,7 @@ fn panel_rows(panel: usize, size: usize) -> [usize; 2] {
 
 impl<T: Scalar> Symmetric<T> {
     /// The zero matrix of `size` rows. Takes [`bytes_of`](Self::bytes_of) bytes: check them against the machine's memory
-    /// first where `size` comes from a user.
+    /// first where `size` comes from a user, as [`invert`](super::inverse::invert) does.
     pub fn zeros(size: usize) -> Self {
         let panels = (0..size.div_ceil(PANEL_ROWS)).into_par_iter();
         let zero = Column([T::of(0.0); PANEL_ROWS]);
@@ -186,6 +186,15 @@ impl<T: Scalar> Symmetric<T> {
                 columns,
             }
         })
+    }
+
+    /// Hands out every column of every panel in order, to be filled as it was read from [`row_panels`](Self::row_panels);
+    /// stops at the first failure.
+    pub(super) fn for_each_column_mut<E>(&mut self, mut fill: impl FnMut(&mut [T]) -> Result<(), E>) -> Result<(), E> {
+        self.panels
+            .iter_mut()
+            .flatten()
+            .try_for_each(|column| fill(&mut column.0))
     }
 
     /// The panels to be written, from the last to the first, for threads to take one by one: later ones are longer.

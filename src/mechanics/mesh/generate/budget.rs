@@ -122,6 +122,7 @@ fn refined(
         )
     };
     let mut refinement = start();
+    let clock = std::time::Instant::now();
     let mut target = aim;
     let mut best: Option<Draft> = None;
     for _ in 0..TRIES {
@@ -142,6 +143,7 @@ fn refined(
             assign::settle(&mut draft, tissue, limits);
         }
         let kept = draft.kept_nodes();
+        eprintln!("DBG aim {aim} target {target} kept {kept} refined {} total {} {end:?} {:?}", refinement.nodes(), refinement.mesh.nodes.len(), clock.elapsed());
         if kept <= aim && best.as_ref().is_none_or(|best| best.kept_nodes() < kept) {
             best = Some(draft);
         }

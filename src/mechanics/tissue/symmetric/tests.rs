@@ -3,16 +3,10 @@ use nalgebra::DMatrix;
 
 use super::*;
 use crate::mechanics::tissue::compliance::Compliance;
-use crate::random::{pcg3d, unit};
+use crate::mechanics::tissue::testing::{on_threads, value};
 
 /// Sizes around a panel's edge, and around the eight columns of a tile.
 const SIZES: [usize; 8] = [1, 2, 7, 127, 128, 129, 300, 517];
-
-/// A value in -1..1 that depends on its place alone.
-fn value(i: usize, j: usize, salt: u32) -> f64 {
-    let [coarse, fine, _] = pcg3d([i as u32, j as u32, salt]).map(unit).map(f64::from);
-    2.0 * coarse - 1.0 + 1e-8 * fine
-}
 
 fn symmetric<T: Scalar>(size: usize, salt: u32) -> Symmetric<T> {
     Symmetric::from_fn(size, |i, j| T::of(value(i, j, salt)))
@@ -39,14 +33,6 @@ fn dense<T: Scalar>(matrix: &Mat<T>) -> DMatrix<f64> {
 fn rounding<T: Scalar>(terms: usize, magnitude: f64) -> f64 {
     let unit = T::epsilon().wide() / 2.0;
     1.01 * terms as f64 * unit * magnitude
-}
-
-fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .expect("a pool")
-        .install(work)
 }
 
 #[test]

@@ -1,0 +1,209 @@
+//! Columns of K^-1 on demand: solved from the sparse factor when they are first read, and kept while they are used.
+//!
+//! Start-up then costs a factorisation instead of a dense inverse, and memory a column for each degree of freedom that is
+//! ever touched. Columns fetched ahead, along a needle's predicted path, are solved together, which is several times
+//! faster than one by one.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use faer::{Mat, MatMut};
+
+use super::compliance::{Compliance, ComplianceError, check_dofs, check_shape};
+use super::factor::Factor;
+
+/// Most right-hand sides solved together: more gain little and need their memory twice over.
+const BLOCK: usize = 60;
+
+/// Columns of K^-1 from its factor, the least recently used of which are forgotten when there are too many.
+///
+/// A column's last bits may depend on how many were solved together with it, hence on what was asked for before; the same
+/// requests give the same bits.
+#[derive(Clone, Debug)]
+pub struct Columns {
+    factor: Arc<Factor>,
+    capacity: usize,
+    kept: HashMap<usize, Column>,
+    /// Counts uses.
+    clock: u64,
+    solved: usize,
+}
+
+#[derive(Clone, Debug)]
+struct Column {
+    values: Vec<f64>,
+    last_used: u64,
+}
+
+impl Columns {
+    /// No column yet, and at most `capacity` (at least 1) kept. Each takes 8 bytes a degree of freedom.
+    pub fn new(factor: Arc<Factor>, capacity: usize) -> Self {
+        Self {
+            factor,
+            capacity: capacity.max(1),
+            kept: HashMap::new(),
+            clock: 0,
+            solved: 0,
+        }
+    }
+
+    /// Takes another factor of as many or other degrees of freedom and forgets all columns.
+    pub fn replace(&mut self, factor: Arc<Factor>) {
+        self.factor = factor;
+        self.kept.clear();
+    }
+
+    /// The factor that columns are solved from.
+    pub fn factor(&self) -> &Arc<Factor> {
+        &self.factor
+    }
+
+    /// Columns kept at the moment.
+    pub fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Whether no column is kept.
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+
+    /// The most columns that are kept.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// Whether a column is kept.
+    pub fn holds(&self, dof: usize) -> bool {
+        self.kept.contains_key(&dof)
+    }
+
+    /// Columns solved so far, those forgotten since among them.
+    pub fn solved(&self) -> usize {
+        self.solved
+    }
+
+    /// Bytes that the kept columns take.
+    pub fn bytes(&self) -> usize {
+        self.kept.len() * self.factor.size() * size_of::<f64>()
+    }
+
+    /// Column `dof` (mm/N).
+    ///
+    /// # Errors
+    /// [`ComplianceError`] when `dof` does not fit or the column is not finite.
+    pub fn column(&mut self, dof: usize) -> Result<&[f64], ComplianceError> {
+        check_dofs(&[dof], self.factor.size())?;
+        self.fetch(&[dof])?;
+        match self.kept.get(&dof) {
+            Some(column) => Ok(&column.values),
+            None => unreachable!("a column just fetched"),
+        }
+    }
+
+    /// Makes sure that these columns, no more than the capacity and each named once, are kept.
+    fn fetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
+        self.clock += 1;
+        let mut missing = Vec::new();
+        for &dof in dofs {
+            match self.kept.get_mut(&dof) {
+                Some(column) => column.last_used = self.clock,
+                None => missing.push(dof),
+            }
+        }
+        self.make_room(missing.len());
+        let size = self.factor.size();
+        for block in missing.chunks(BLOCK) {
+            let mut solutions = Mat::<f64>::zeros(size, block.len());
+            for (k, &dof) in block.iter().enumerate() {
+                solutions[(dof, k)] = 1.0;
+            }
+            self.factor.solve_many_in_place(solutions.as_mut());
+            self.solved += block.len();
+            for (&dof, column) in block.iter().zip(solutions.col_iter()) {
+                let values: Vec<f64> = column.iter().copied().collect();
+                if !values.iter().all(|value| value.is_finite()) {
+                    return Err(ComplianceError::NotFinite { dof });
+                }
+                let last_used = self.clock;
+                self.kept.insert(dof, Column { values, last_used });
+            }
+        }
+        Ok(())
+    }
+
+    /// Forgets the columns used longest ago until `coming` more fit; of those used together, the highest first.
+    fn make_room(&mut self, coming: usize) {
+        let excess = (self.kept.len() + coming).saturating_sub(self.capacity);
+        if excess == 0 {
+            return;
+        }
+        let mut oldest: Vec<_> = self.kept.iter().map(|(&dof, column)| (column.last_used, dof)).collect();
+        oldest.sort_unstable_by_key(|&(used, dof)| (used, std::cmp::Reverse(dof)));
+        for (_, dof) in oldest.into_iter().take(excess) {
+            self.kept.remove(&dof);
+        }
+    }
+
+    /// How many of these columns would have to be solved.
+    fn missing(&self, dofs: &[usize]) -> usize {
+        dofs.iter().filter(|dof| !self.holds(**dof)).count()
+    }
+}
+
+/// Each index once, in the order of first mention.
+fn distinct(dofs: &[usize]) -> Vec<usize> {
+    let mut seen = HashSet::new();
+    dofs.iter().copied().filter(|&dof| seen.insert(dof)).collect()
+}
+
+impl Compliance for Columns {
+    fn size(&self) -> usize {
+        self.factor.size()
+    }
+
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError> {
+        check_shape("rows of the column", out.len(), self.size())?;
+        out.copy_from_slice(self.column(dof)?);
+        Ok(())
+    }
+
+    /// Solves for whichever side has fewer columns missing: K^-1 is symmetric, so rows do as well.
+    fn entries_into(
+        &mut self,
+        rows: &[usize],
+        columns: &[usize],
+        mut out: MatMut<'_, f64>,
+    ) -> Result<(), ComplianceError> {
+        check_dofs(rows, self.size())?;
+        check_dofs(columns, self.size())?;
+        check_shape("rows of the block", out.nrows(), rows.len())?;
+        check_shape("columns of the block", out.ncols(), columns.len())?;
+        let by_rows = self.missing(rows) < self.missing(columns);
+        let (sides, others) = if by_rows { (rows, columns) } else { (columns, rows) };
+        for batch in distinct(sides).chunks(self.capacity) {
+            self.fetch(batch)?;
+            for (j, side) in sides.iter().enumerate() {
+                let Some(column) = self.kept.get(side) else {
+                    continue;
+                };
+                for (i, &other) in others.iter().enumerate() {
+                    let at = if by_rows { (j, i) } else { (i, j) };
+                    out[at] = column.values[other];
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Solves the missing ones together. Of more columns than the capacity, the first are made ready.
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
+        check_dofs(dofs, self.size())?;
+        let mut wanted = distinct(dofs);
+        wanted.truncate(self.capacity);
+        self.fetch(&wanted)
+    }
+}
+
+#[cfg(test)]
+mod tests;
