@@ -17,6 +17,7 @@
 //! | [`condensed`] | the compliance of the contact nodes |
 //! | [`switching`] | forces or displacements prescribed at contacts |
 //! | [`problem`] | a static problem, checked and solved |
+//! | [`remesh`] | moves of reference nodes, and the compliance that follows them |
 
 pub mod assembly;
 pub mod cache;
@@ -30,6 +31,7 @@ pub mod frames;
 pub mod inverse;
 pub mod material;
 pub mod problem;
+pub mod remesh;
 pub mod rigid;
 pub mod switching;
 pub mod symmetric;

@@ -15,6 +15,7 @@ use super::dofs::Dofs;
 use super::element::{DegenerateElement, NodeBlock, Shape};
 use super::material::Material;
 use crate::mechanics::mesh::TetMesh;
+pub(super) use pattern::corners_by_node;
 use pattern::{PAIRS, Pattern};
 
 /// What a stiffness matrix keeps however its nodes move.
@@ -129,6 +130,16 @@ impl Stiffness {
     /// The degrees of freedom.
     pub fn dofs(&self) -> &Dofs {
         &self.structure.dofs
+    }
+
+    /// Node indices of the elements.
+    pub fn elements(&self) -> &[[u32; 4]] {
+        &self.structure.elements
+    }
+
+    /// The materials, one an element.
+    pub fn materials(&self) -> &[Material] {
+        &self.structure.materials
     }
 
     /// The largest sum of magnitudes in a row, N/mm.

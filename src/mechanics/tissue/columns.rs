@@ -83,11 +83,6 @@ impl Columns {
         self.solved
     }
 
-    /// Bytes that the kept columns take.
-    pub fn bytes(&self) -> usize {
-        self.kept.len() * self.factor.size() * size_of::<f64>()
-    }
-
     /// Column `dof` (mm/N).
     ///
     /// # Errors
@@ -202,6 +197,20 @@ impl Compliance for Columns {
         let mut wanted = distinct(dofs);
         wanted.truncate(self.capacity);
         self.fetch(&wanted)
+    }
+
+    /// One solve, whatever columns are kept.
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        check_shape("forces", x.len(), self.size())?;
+        check_shape("displacements", out.len(), self.size())?;
+        out.copy_from_slice(x);
+        self.factor.solve_in_place(out);
+        Ok(())
+    }
+
+    /// The kept columns and the factor.
+    fn bytes(&self) -> usize {
+        (self.kept.len() * self.factor.size() + self.factor.entries()) * size_of::<f64>()
     }
 }
 

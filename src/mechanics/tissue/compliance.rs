@@ -1,5 +1,7 @@
 //! Entries and columns of the compliance K^-1 (mm/N), wherever they come from: a dense inverse or solutions on demand.
 
+use std::sync::Arc;
+
 use faer::{Mat, MatMut};
 
 use super::symmetric::{Scalar, Symmetric};
@@ -40,6 +42,15 @@ pub trait Compliance {
     fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
         check_dofs(dofs, self.size())
     }
+
+    /// The displacements `out` (mm) under the forces `x` (N) on all free degrees of freedom.
+    ///
+    /// # Errors
+    /// [`ComplianceError`] when a length does not fit or the displacements cannot be computed.
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError>;
+
+    /// Bytes that it takes at the moment.
+    fn bytes(&self) -> usize;
 }
 
 /// Why entries of the compliance cannot be read or changed.
@@ -94,6 +105,68 @@ pub(super) fn check_dofs(dofs: &[usize], size: usize) -> Result<(), ComplianceEr
     }
 }
 
+/// Checks that no index is named twice.
+pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), ComplianceError> {
+    let mut sorted = dofs.to_vec();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => Err(ComplianceError::Repeated { dof: pair[0] }),
+        None => Ok(()),
+    }
+}
+
+/// Shared by several readers, none of which may change it.
+impl<T: Scalar> Compliance for Arc<Symmetric<T>> {
+    fn size(&self) -> usize {
+        Symmetric::size(self)
+    }
+
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError> {
+        self.copy_column(dof, out, T::wide)
+    }
+
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError> {
+        copy_entries(self, rows, columns, out)
+    }
+
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        multiply(self, x, out)
+    }
+
+    fn bytes(&self) -> usize {
+        Symmetric::bytes(self)
+    }
+}
+
+fn copy_entries<T: Scalar>(
+    matrix: &Symmetric<T>,
+    rows: &[usize],
+    columns: &[usize],
+    mut out: MatMut<'_, f64>,
+) -> Result<(), ComplianceError> {
+    let size = matrix.size();
+    check_dofs(rows, size)?;
+    check_dofs(columns, size)?;
+    check_shape("rows of the block", out.nrows(), rows.len())?;
+    check_shape("columns of the block", out.ncols(), columns.len())?;
+    for (j, &column) in columns.iter().enumerate() {
+        for (i, &row) in rows.iter().enumerate() {
+            out[(i, j)] = matrix.get(row, column).wide();
+        }
+    }
+    Ok(())
+}
+
+fn multiply<T: Scalar>(matrix: &Symmetric<T>, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    let x: Vec<T> = x.iter().map(|x| T::of(*x)).collect();
+    let mut product = vec![T::of(0.0); out.len()];
+    matrix.multiply(&x, &mut product)?;
+    out.iter_mut()
+        .zip(&product)
+        .for_each(|(out, product)| *out = product.wide());
+    Ok(())
+}
+
 impl<T: Scalar> Compliance for Symmetric<T> {
     fn size(&self) -> usize {
         Symmetric::size(self)
@@ -103,22 +176,15 @@ impl<T: Scalar> Compliance for Symmetric<T> {
         self.copy_column(dof, out, T::wide)
     }
 
-    fn entries_into(
-        &mut self,
-        rows: &[usize],
-        columns: &[usize],
-        mut out: MatMut<'_, f64>,
-    ) -> Result<(), ComplianceError> {
-        let size = Symmetric::size(self);
-        check_dofs(rows, size)?;
-        check_dofs(columns, size)?;
-        check_shape("rows of the block", out.nrows(), rows.len())?;
-        check_shape("columns of the block", out.ncols(), columns.len())?;
-        for (j, &column) in columns.iter().enumerate() {
-            for (i, &row) in rows.iter().enumerate() {
-                out[(i, j)] = self.get(row, column).wide();
-            }
-        }
-        Ok(())
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError> {
+        copy_entries(self, rows, columns, out)
+    }
+
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        multiply(self, x, out)
+    }
+
+    fn bytes(&self) -> usize {
+        Symmetric::bytes(self)
     }
 }

@@ -143,7 +143,12 @@ fn refined(
             assign::settle(&mut draft, tissue, limits);
         }
         let kept = draft.kept_nodes();
-        eprintln!("DBG aim {aim} target {target} kept {kept} refined {} total {} {end:?} {:?}", refinement.nodes(), refinement.mesh.nodes.len(), clock.elapsed());
+        eprintln!(
+            "DBG aim {aim} target {target} kept {kept} refined {} total {} {end:?} {:?}",
+            refinement.nodes(),
+            refinement.mesh.nodes.len(),
+            clock.elapsed()
+        );
         if kept <= aim && best.as_ref().is_none_or(|best| best.kept_nodes() < kept) {
             best = Some(draft);
         }

@@ -150,7 +150,7 @@ impl Pattern {
 
 /// For each node where its corners begin in the list beside, one more at the end; a corner is four times its element plus
 /// its place there.
-fn corners_by_node(elements: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
+pub fn corners_by_node(elements: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
     let mut firsts = vec![0u32; nodes + 1];
     for &node in elements.iter().flatten() {
         firsts[node as usize + 1] += 1;

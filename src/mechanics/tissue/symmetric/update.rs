@@ -8,7 +8,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
-use crate::mechanics::tissue::compliance::{ComplianceError, check_dofs, check_shape};
+use crate::mechanics::tissue::compliance::{ComplianceError, check_distinct, check_dofs, check_shape};
 use crate::simd::{Simd, WithSimd, dispatch};
 
 /// Columns of the matrix that a tile covers.
@@ -50,11 +50,9 @@ impl<T: Scalar> Symmetric<T> {
     pub fn update_rows(&mut self, rows: &[usize], y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
         let rank = self.check_update(y, c)?;
         check_dofs(rows, self.size)?;
+        check_distinct(rows)?;
         let mut sorted = rows.to_vec();
         sorted.sort_unstable();
-        if let Some(pair) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-            return Err(ComplianceError::Repeated { dof: pair[0] });
-        }
         if rank == 0 || rows.is_empty() {
             return Ok(());
         }

@@ -1,0 +1,126 @@
+//! A mesh and the remesher that follows it, kept together: a move happens to both or to neither.
+
+use super::adapted::{AdaptedMesh, Change, RefusedMove};
+use super::make::{Options, Source, make};
+use super::rebase::{Rebase, RebaseError, adopt};
+use super::{Level, Precision, RemeshError, RemeshReport, Remesher};
+
+/// A mesh with its remesher, and the base that another remesher can be made from.
+pub struct Adaptation {
+    mesh: AdaptedMesh,
+    remesher: Box<dyn Remesher>,
+    source: Source,
+    options: Options,
+}
+
+/// Why a move is refused. Mesh and remesher are then as they were.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AdaptError {
+    /// By the mesh.
+    #[error(transparent)]
+    Move(#[from] RefusedMove),
+    /// By the remesher.
+    #[error(transparent)]
+    Remesh(#[from] RemeshError),
+}
+
+impl Adaptation {
+    /// Follows `mesh`; the other arguments as for [`make`].
+    ///
+    /// # Errors
+    /// As [`make`].
+    pub fn new(
+        mesh: AdaptedMesh,
+        source: Source,
+        level: Level,
+        precision: Precision,
+        options: Options,
+    ) -> Result<Adaptation, RemeshError> {
+        let remesher = make(level, precision, &source, &mesh, options)?;
+        Ok(Adaptation {
+            mesh,
+            remesher,
+            source,
+            options,
+        })
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &AdaptedMesh {
+        &self.mesh
+    }
+
+    /// The remesher.
+    pub fn remesher(&self) -> &dyn Remesher {
+        &*self.remesher
+    }
+
+    /// The remesher, to name contacts and to read compliances and displacements, with the mesh that it follows.
+    pub fn parts(&mut self) -> (&AdaptedMesh, &mut dyn Remesher) {
+        (&self.mesh, &mut *self.remesher)
+    }
+
+    /// Moves a node to `to` (mm, reference state).
+    ///
+    /// # Errors
+    /// [`AdaptError`].
+    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<RemeshReport, AdaptError> {
+        let moves = self.mesh.moves().to_vec();
+        let change = self.mesh.move_node(node, to)?;
+        self.hand_over(&change, moves)
+    }
+
+    /// Moves a node back to its original position.
+    ///
+    /// # Errors
+    /// [`AdaptError`].
+    pub fn restore(&mut self, node: u32) -> Result<RemeshReport, AdaptError> {
+        let moves = self.mesh.moves().to_vec();
+        let change = self.mesh.restore(node)?;
+        self.hand_over(&change, moves)
+    }
+
+    /// Takes back the last move; `None` when there is none.
+    ///
+    /// # Errors
+    /// [`AdaptError`].
+    pub fn undo(&mut self) -> Result<Option<RemeshReport>, AdaptError> {
+        let moves = self.mesh.moves().to_vec();
+        match self.mesh.undo()? {
+            Some(change) => self.hand_over(&change, moves).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Changes level and precision while running. Contacts and moves stay.
+    ///
+    /// # Errors
+    /// [`RemeshError`]; the remesher is then what it was.
+    pub fn switch(&mut self, level: Level, precision: Precision) -> Result<Option<RemeshReport>, RemeshError> {
+        let same_kind = (level == Level::Exact) == (self.remesher.level() == Level::Exact);
+        if same_kind && precision == self.remesher.precision() {
+            return self.remesher.set_level(&self.mesh, level);
+        }
+        let mut next = make(level, precision, &self.source, &self.mesh, self.options)?;
+        next.set_contacts(self.remesher.contacts())?;
+        self.remesher = next;
+        Ok(None)
+    }
+
+    /// Makes a prepared base that of the mesh: see [`rebase`](super::rebase).
+    ///
+    /// # Errors
+    /// [`RebaseError`]; everything then stays as it is.
+    pub fn adopt(&mut self, rebase: Rebase) -> Result<(), RebaseError> {
+        self.source = adopt(rebase, &mut self.mesh, &mut *self.remesher)?;
+        Ok(())
+    }
+
+    /// Gives a change to the remesher, or takes it back.
+    fn hand_over(&mut self, change: &Change, moves: Vec<(u32, [f64; 3])>) -> Result<RemeshReport, AdaptError> {
+        self.remesher.remesh(&self.mesh, change).map_err(|error| {
+            self.mesh.revert(change, moves);
+            error.into()
+        })
+    }
+}

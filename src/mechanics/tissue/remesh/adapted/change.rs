@@ -1,0 +1,72 @@
+//! What the move of one node changes in the stiffness.
+
+use faer::Mat;
+
+use super::{AdaptedMesh, RefusedMove};
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::element::Shape;
+
+/// What the move of one node changes.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// The node.
+    pub node: u32,
+    /// Where it was, mm.
+    pub from: [f64; 3],
+    /// Where it is now, mm.
+    pub to: [f64; 3],
+    /// Free degrees of freedom of the node and its neighbours, ascending: outside these rows and columns the stiffness
+    /// stays.
+    pub support: Vec<u32>,
+    /// K(now) - K(before) at the rows and columns of the support, N/mm; symmetric bit for bit.
+    pub stiffness: Mat<f64>,
+    /// The number of this change: steps of the mesh up to it.
+    pub step: u64,
+}
+
+impl Change {
+    /// What moving `node` to `to` would change, assembled from the elements around it.
+    pub(super) fn of(mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+        let neighbours = mesh.neighbours(node);
+        let dofs: Vec<[u32; 3]> = neighbours.iter().map(|node| mesh.dofs().of(*node)).collect();
+        let support: Vec<u32> = dofs.iter().flatten().copied().filter(|dof| *dof != NONE).collect();
+        let mut stiffness = Mat::zeros(support.len(), support.len());
+        for (element, place) in mesh.around(node) {
+            let corners = mesh.elements()[element as usize];
+            let mut positions = mesh.positions(element, mesh.nodes());
+            let refused = |cause| RefusedMove::Element {
+                node,
+                to,
+                element,
+                corners,
+                cause,
+            };
+            let before = Shape::of(&positions).map_err(refused)?;
+            positions[place] = to;
+            let after = Shape::of(&positions).map_err(refused)?;
+            let material = &mesh.stiffness().materials()[element as usize];
+            let (weights_before, weights_after) = (before.weights(material), after.weights(material));
+            let own = corners.map(|corner| match neighbours.binary_search(&corner) {
+                Ok(at) => dofs[at].map(|dof| support.binary_search(&dof).ok()),
+                Err(_) => [None; 3],
+            });
+            for (a, b) in (0..16).map(|pair| (pair / 4, pair % 4)) {
+                let old = before.block(weights_before, a, b);
+                let new = after.block(weights_after, a, b);
+                for (i, j) in (0..9).map(|entry| (entry / 3, entry % 3)) {
+                    if let (Some(row), Some(column)) = (own[a][i], own[b][j]) {
+                        stiffness[(row, column)] += new[i][j] - old[i][j];
+                    }
+                }
+            }
+        }
+        Ok(Change {
+            node,
+            from: mesh.nodes()[node as usize],
+            to,
+            support,
+            stiffness,
+            step: mesh.step() + 1,
+        })
+    }
+}

@@ -1,0 +1,311 @@
+//! Exact condensed remeshing: the base inverse is never touched, and the compliance at the contacts is exact.
+//!
+//! Let S be the degrees of freedom around all nodes away from their base, dK the change of the stiffness on S since the base,
+//! computed from scratch, and G = K0^-1[S, S]. The matrix inversion lemma gives
+//!
+//! ```text
+//! K^-1[a, b] = K0^-1[a, b] - K0^-1[a, S] C K0^-1[S, b],    C = (I + dK G)^-1 dK     (symmetric)
+//! ```
+//!
+//! for any rows a and columns b. Only C has to follow a move, and it can be updated: a change d on the degrees of freedom P gives
+//!
+//! ```text
+//! C' = C + V D V^T,    V = E_P - C G[S, P],    D = (I + d H)^-1 d,    H = K^-1[P, P] = G[P, P] - G[P, S] C G[S, P]
+//! ```
+//!
+//! at a cost of O(|S|^2 |P|) in products of matrices, and the compliance at the contacts c follows with
+//! `K^c' = K^c - W D W^T`, W = K^-1[c, P]. Where dK returns to zero the rows leave S; with none left, C is empty and K^c is
+//! read from the base: bit for bit what it was. `docs/remeshing.md` has the proof, what rounding does, and the ancestors: the
+//! capacitance matrices of James and Pai, and the augmented systems of Yeung, Crouch and Pothen.
+
+mod anew;
+mod contacts;
+mod held;
+mod update;
+mod whole;
+
+use std::fmt;
+
+use faer::{Mat, MatRef};
+
+use super::adapted::{AdaptedMesh, Change};
+use super::difference::Difference;
+use super::options::Options;
+use super::{Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
+use crate::random::{hash3, seed_words};
+use contacts::Contacts;
+use held::Held;
+use update::Work;
+
+/// The exact condensed level. One thread; nothing is allocated while S does not outgrow what it was before.
+pub struct Exact {
+    source: Box<dyn Compliance + Send>,
+    precision: Precision,
+    options: Options,
+    held: Held,
+    contacts: Contacts,
+    difference: Difference,
+    work: Work,
+    step: u64,
+    /// Updates since C was computed anew.
+    updates: u64,
+    rebuilds: u64,
+}
+
+impl fmt::Debug for Exact {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "Exact(step {}, |S| = {}, {} contacts)",
+            self.step,
+            self.held.len(),
+            self.contacts.dofs().len()
+        )
+    }
+}
+
+impl Exact {
+    /// Follows `mesh` from its current state. `source` is the compliance of its base, with entries of that precision.
+    ///
+    /// # Errors
+    /// [`RemeshError`] where the source does not fit the mesh or fails, or the mesh is too far from its base.
+    pub fn new(
+        mesh: &AdaptedMesh,
+        source: Box<dyn Compliance + Send>,
+        precision: Precision,
+        options: Options,
+    ) -> Result<Exact, RemeshError> {
+        let size = mesh.dofs().free();
+        fits(&*source, size)?;
+        let mut exact = Exact {
+            source,
+            precision,
+            options,
+            held: Held::new(size),
+            contacts: Contacts::none(),
+            difference: Difference::default(),
+            work: Work::default(),
+            step: mesh.step(),
+            updates: 0,
+            rebuilds: 0,
+        };
+        exact.refresh(mesh)?;
+        exact.rebuilds = 0;
+        Ok(exact)
+    }
+
+    /// The degrees of freedom S, in the order of [`correction`](Self::correction).
+    pub fn held(&self) -> &[usize] {
+        self.held.dofs()
+    }
+
+    /// C: what the compliance of the base is corrected by, N/mm.
+    pub fn correction(&self) -> MatRef<'_, f64> {
+        self.held.c.get()
+    }
+
+    /// How often C was computed anew instead of updated.
+    pub fn rebuilds(&self) -> u64 {
+        self.rebuilds
+    }
+
+    fn report(&self, rank: usize, reciprocal_condition: f64, rebuilt: Option<Rebuilt>) -> RemeshReport {
+        let held = self.held.len();
+        let contacts = self.contacts.dofs().len();
+        // An update reads G[S, P] and reads and writes C; computing anew reads G and dK, writes the factors and C.
+        let entries = match rebuilt {
+            None => rank * held + 3 * held * held + 2 * contacts * held,
+            Some(_) => 5 * held * held + contacts * held,
+        };
+        RemeshReport {
+            level: Level::Exact,
+            rank,
+            held,
+            reciprocal_condition,
+            residual: None,
+            rebuilt,
+            rebuild_failed: false,
+            bytes_moved: entries * size_of::<f64>(),
+        }
+    }
+
+    /// Samples the residual and computes anew where that is due. What fails here leaves the updated C as it is.
+    fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
+        let Options {
+            check_every,
+            rebuild_every,
+            residual_double,
+            ..
+        } = self.options;
+        let mut due = (rebuild_every > 0 && self.updates >= rebuild_every).then_some(Rebuilt::Updates);
+        let check = check_every > 0 && self.updates.is_multiple_of(check_every);
+        if check || due.is_some() {
+            mesh.difference_into(&mut self.difference);
+        }
+        if check {
+            let sample = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % self.held.len();
+            let residual = self.sampled_residual(sample);
+            report.residual = Some(residual);
+            if residual.is_nan() || residual > residual_double {
+                due = Some(Rebuilt::Residual(residual));
+            }
+        }
+        if let Some(reason) = due {
+            match self.compute_anew() {
+                Ok(condition) => {
+                    self.rebuilds += 1;
+                    report.rebuilt = Some(reason);
+                    report.reciprocal_condition = report.reciprocal_condition.min(condition);
+                }
+                Err(_) => report.rebuild_failed = true,
+            }
+        }
+    }
+}
+
+/// Checks that a source has one row a free degree of freedom.
+fn fits(source: &dyn Compliance, size: usize) -> Result<(), ComplianceError> {
+    let found = source.size();
+    if found == size {
+        return Ok(());
+    }
+    Err(ComplianceError::Shape {
+        what: "rows of the compliance",
+        found,
+        expected: size,
+    })
+}
+
+impl Remesher for Exact {
+    fn level(&self) -> Level {
+        Level::Exact
+    }
+
+    fn set_level(&mut self, _: &AdaptedMesh, level: Level) -> Result<Option<RemeshReport>, RemeshError> {
+        match level {
+            Level::Exact => Ok(None),
+            asked => Err(RemeshError::Level {
+                asked,
+                offered: Level::Exact,
+            }),
+        }
+    }
+
+    fn precision(&self) -> Precision {
+        self.precision
+    }
+
+    fn state(&self) -> State {
+        State::Current
+    }
+
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
+        check_step(self.step, mesh, change)?;
+        let before = self.held.len();
+        self.held
+            .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
+        let computed = if self.options.rebuild_always {
+            mesh.difference_into(&mut self.difference);
+            self.compute_anew()
+        } else {
+            self.update(change)
+        };
+        let condition = match computed {
+            Ok(condition) => condition,
+            Err(reciprocal_condition) => {
+                self.held.truncate(before);
+                return Err(RemeshError::Singular {
+                    node: change.node,
+                    reciprocal_condition,
+                    limit: self.options.reciprocal_limit,
+                });
+            }
+        };
+        self.step += 1;
+        self.held.release(mesh, &change.support);
+        let always = self.options.rebuild_always.then_some(Rebuilt::Always);
+        let mut report = self.report(change.support.len(), condition, always);
+        if self.held.is_empty() {
+            self.contacts.forget_correction();
+            self.updates = 0;
+        } else if always.is_some() {
+            self.rebuilds += 1;
+        } else {
+            self.updates += 1;
+            self.maintain(mesh, &mut report);
+        }
+        Ok(report)
+    }
+
+    fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
+        let support: Vec<u32> = mesh.support().collect();
+        let mut held = Held::new(mesh.dofs().free());
+        held.extend(&mut *self.source, &support, self.contacts.dofs())?;
+        let before = std::mem::replace(&mut self.held, held);
+        mesh.difference_into(&mut self.difference);
+        match self.compute_anew() {
+            Ok(condition) => {
+                self.rebuilds += 1;
+                self.step = mesh.step();
+                Ok(self.report(support.len(), condition, Some(Rebuilt::Requested)))
+            }
+            Err(reciprocal_condition) => {
+                self.held = before;
+                Err(RemeshError::FarFromBase {
+                    reciprocal_condition,
+                    limit: self.options.reciprocal_limit,
+                })
+            }
+        }
+    }
+
+    fn rebase(&mut self, mesh: &AdaptedMesh, source: &Source) -> Result<RemeshReport, RemeshError> {
+        let compliance = source.clone().into_compliance();
+        let mut next = Exact::new(mesh, compliance, source.precision(), self.options)?;
+        next.set_contacts(self.contacts.dofs())?;
+        next.rebuilds = self.rebuilds + 1;
+        *self = next;
+        Ok(self.report(self.held.len(), 1.0, Some(Rebuilt::Requested)))
+    }
+
+    fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
+        check_dofs(dofs, self.source.size())?;
+        self.true_residual(mesh, dofs).map_err(RemeshError::from)
+    }
+
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
+        self.contacts
+            .set(dofs, &mut *self.source, &mut self.held)
+            .map_err(RemeshError::from)
+    }
+
+    fn contacts(&self) -> &[usize] {
+        self.contacts.dofs()
+    }
+
+    fn condensed(&self) -> MatRef<'_, f64> {
+        self.contacts.condensed.as_ref()
+    }
+
+    fn compliance(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        self.block(rows, columns).map_err(RemeshError::from)
+    }
+
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
+        self.whole(forces, out).map_err(RemeshError::from)
+    }
+
+    fn displacement_refined(
+        &mut self,
+        mesh: &AdaptedMesh,
+        forces: &[f64],
+        out: &mut [f64],
+    ) -> Result<f64, RemeshError> {
+        self.whole_refined(mesh, forces, out).map_err(RemeshError::from)
+    }
+
+    fn memory(&self) -> usize {
+        self.source.bytes() + self.held.bytes() + self.work.bytes()
+    }
+}

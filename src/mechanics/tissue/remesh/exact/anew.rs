@@ -1,0 +1,106 @@
+//! C and K^c from scratch, and how far the updated ones are off.
+
+use faer::Accum;
+use faer::prelude::{Reborrow, ReborrowMut};
+
+use super::Exact;
+use super::update::{product, symmetric_product};
+use crate::mechanics::tissue::remesh::grown::symmetrise;
+use crate::simd::{Kernel, vectorised};
+
+impl Exact {
+    /// Computes C and K^c from the base and `self.difference`, whose degrees of freedom all lie in S, by one LU. The reciprocal
+    /// condition of I + dK G; as an error, where it is too small, and then C and K^c are as they were.
+    pub(super) fn compute_anew(&mut self) -> Result<f64, f64> {
+        let Exact {
+            held, work, difference, ..
+        } = self;
+        let len = held.len();
+        let g = held.g.get();
+        let mut matrix = work.lu.space(len);
+        matrix.fill(0.0);
+        let mut next = work.next.shape(len, len);
+        next.fill(0.0);
+        // Column by column of I + G dK, which is the transpose of I + dK G.
+        for (row, column, value) in difference.entries() {
+            let (row, column) = (held.place(row), held.place(column));
+            next[(row, column)] = value;
+            let (Some(sums), Some(values)) = (
+                matrix.rb_mut().col_mut(row).try_as_col_major_mut(),
+                g.col(column).try_as_col_major(),
+            ) else {
+                continue;
+            };
+            vectorised(AddScaled {
+                sums: sums.as_slice_mut(),
+                values: values.as_slice(),
+                factor: value,
+            });
+        }
+        for i in 0..len {
+            matrix[(i, i)] += 1.0;
+        }
+        let condition = work.lu.factor();
+        if condition < self.options.reciprocal_limit {
+            return Err(condition);
+        }
+        work.lu.solve_transpose(next.rb_mut());
+        symmetrise(next.rb_mut());
+        std::mem::swap(&mut held.c, &mut work.next);
+        self.updates = 0;
+
+        self.contacts.forget_correction();
+        let b = self.held.b.get();
+        let mut cb = self.work.x.shape(len, b.ncols());
+        product(cb.rb_mut(), Accum::Replace, self.held.c.get(), b, 1.0);
+        symmetric_product(self.contacts.condensed.as_mut(), b.transpose(), cb.rb(), -1.0);
+        Ok(condition)
+    }
+
+    /// The largest entry of K K^-1 e - e for the unit force e on member `sample` of S, with K^-1 as C corrects it and
+    /// `self.difference` that of the mesh: equal to `(dK - (I + dK G) C) G e` if the base inverse is exact, and then zero
+    /// outside S. Costs O(|S|^2).
+    pub(super) fn sampled_residual(&mut self, sample: usize) -> f64 {
+        let Exact {
+            held, work, difference, ..
+        } = self;
+        let len = held.len();
+        let g = held.g.get();
+        let mut x = work.x.shape(len, 1);
+        let mut y = work.vd.shape(len, 1);
+        product(
+            y.rb_mut(),
+            Accum::Replace,
+            held.c.get(),
+            g.get(.., sample..sample + 1),
+            1.0,
+        );
+        x.rb_mut().col_mut(0).copy_from(g.col(sample));
+        product(x.rb_mut(), Accum::Add, g, y.rb(), -1.0);
+        // The residual, dK x - y, takes the place of -y.
+        y.rb_mut().col_mut(0).iter_mut().for_each(|y| *y = -*y);
+        for (row, column, value) in difference.entries() {
+            y[(held.place(row), 0)] += value * x[(held.place(column), 0)];
+        }
+        let magnitudes = y.rb().col(0).iter().map(|r| r.abs());
+        magnitudes.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
+    }
+}
+
+/// sums += factor values.
+struct AddScaled<'a> {
+    sums: &'a mut [f64],
+    values: &'a [f64],
+    factor: f64,
+}
+
+impl Kernel for AddScaled<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (sum, value) in self.sums.iter_mut().zip(self.values) {
+            *sum += self.factor * value;
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! What is kept on the degrees of freedom around moved nodes.
+
+use faer::prelude::{Reborrow, ReborrowMut};
+
+use crate::mechanics::tissue::compliance::{Compliance, ComplianceError};
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
+use crate::mechanics::tissue::remesh::grown::{Grown, symmetrise};
+
+/// The set S with what belongs to it, all in the order in which its members came; the last takes the place of one that leaves.
+#[derive(Debug)]
+pub(super) struct Held {
+    dofs: Vec<usize>,
+    /// Place of each degree of freedom of the mesh in `dofs`.
+    places: Vec<u32>,
+    /// G = K0^-1[S, S].
+    pub g: Grown,
+    /// C = (I + dK G)^-1 dK.
+    pub c: Grown,
+    /// B = K0^-1[S, c] for the contacts c.
+    pub b: Grown,
+    block: Grown,
+}
+
+impl Held {
+    pub fn new(size: usize) -> Held {
+        Held {
+            dofs: Vec::new(),
+            places: vec![NONE; size],
+            g: Grown::default(),
+            c: Grown::default(),
+            b: Grown::default(),
+            block: Grown::default(),
+        }
+    }
+
+    pub fn dofs(&self) -> &[usize] {
+        &self.dofs
+    }
+
+    pub fn len(&self) -> usize {
+        self.dofs.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.dofs.is_empty()
+    }
+
+    /// The place of a member.
+    pub fn place(&self, dof: u32) -> usize {
+        self.places[dof as usize] as usize
+    }
+
+    /// Takes in what is missing of `support`: rows and columns of C are zero, those of G and B are read from the base.
+    /// Where that fails nothing has changed.
+    pub fn extend(
+        &mut self,
+        source: &mut dyn Compliance,
+        support: &[u32],
+        contacts: &[usize],
+    ) -> Result<(), ComplianceError> {
+        let old = self.len();
+        let missing = support.iter().filter(|dof| self.places[**dof as usize] == NONE);
+        self.dofs.extend(missing.map(|dof| *dof as usize));
+        let len = self.len();
+        if len == old {
+            self.b.shape(len, contacts.len());
+            return Ok(());
+        }
+        let result = self.read(source, old, contacts);
+        if result.is_err() {
+            self.dofs.truncate(old);
+            self.g.shape(old, old);
+            self.b.shape(old, contacts.len());
+            return result;
+        }
+        self.c.extend(len, len);
+        for place in old..len {
+            self.places[self.dofs[place]] = place as u32;
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, source: &mut dyn Compliance, old: usize, contacts: &[usize]) -> Result<(), ComplianceError> {
+        let len = self.len();
+        let new = &self.dofs[old..];
+        let mut g = self.g.shape(len, len);
+        source.entries_into(&self.dofs, new, g.rb_mut().get_mut(.., old..))?;
+        // Columns that were solved for are symmetric only up to rounding.
+        symmetrise(g.rb_mut().get_mut(old.., old..));
+        let (left, right) = g.split_at_col_mut(old);
+        left.get_mut(old.., ..).copy_from(right.get(..old, ..).transpose());
+        let mut block = self.block.shape(contacts.len(), new.len());
+        source.entries_into(contacts, new, block.rb_mut())?;
+        let b = self.b.shape(len, contacts.len());
+        b.get_mut(old.., ..).copy_from(block.rb().transpose());
+        Ok(())
+    }
+
+    /// Gives up the members that came last, beyond the first `len`.
+    pub fn truncate(&mut self, len: usize) {
+        for &dof in &self.dofs[len..] {
+            self.places[dof] = NONE;
+        }
+        self.dofs.truncate(len);
+        let contacts = self.b.get().ncols();
+        self.g.shape(len, len);
+        self.c.shape(len, len);
+        self.b.shape(len, contacts);
+    }
+
+    /// Gives up those of `support` whose stiffness is that of the base again: their rows of dK, and with them of C, are zero.
+    pub fn release(&mut self, mesh: &AdaptedMesh, support: &[u32]) {
+        for &dof in support {
+            if !mesh.is_touched(mesh.dofs().node_of(dof).0) {
+                self.take(dof as usize);
+            }
+        }
+    }
+
+    fn take(&mut self, dof: usize) {
+        let place = self.places[dof] as usize;
+        for matrix in [&mut self.g, &mut self.c] {
+            matrix.take_row(place);
+            matrix.take_column(place);
+        }
+        self.b.take_row(place);
+        self.places[dof] = NONE;
+        self.dofs.swap_remove(place);
+        if let Some(&moved) = self.dofs.get(place) {
+            self.places[moved] = place as u32;
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        let matrices = [&self.g, &self.c, &self.b, &self.block];
+        let lists = self.places.len() * size_of::<u32>() + self.dofs.capacity() * size_of::<usize>();
+        matrices.iter().map(|matrix| matrix.bytes()).sum::<usize>() + lists
+    }
+}

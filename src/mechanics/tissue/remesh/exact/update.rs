@@ -1,0 +1,129 @@
+//! The update of C and K^c by one change.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::prelude::{Reborrow, ReborrowMut};
+use faer::{Accum, MatMut, MatRef, Par};
+
+use super::Exact;
+use crate::mechanics::tissue::remesh::adapted::Change;
+use crate::mechanics::tissue::remesh::grown::{Grown, mirror, symmetrise};
+use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
+
+/// Memory of an update, named after what it holds.
+#[derive(Default)]
+pub(super) struct Work {
+    /// Places of P in S.
+    pub at: Vec<usize>,
+    /// G[S, P].
+    pub g_sp: Grown,
+    /// C G[S, P].
+    pub x: Grown,
+    /// H = K^-1[P, P].
+    pub h: Grown,
+    /// D.
+    pub d: Grown,
+    /// W^T = K^-1[P, c].
+    pub w: Grown,
+    /// D W^T.
+    pub dw: Grown,
+    /// V D.
+    pub vd: Grown,
+    /// The next C while it is computed anew.
+    pub next: Grown,
+    pub lu: Lu,
+}
+
+impl Work {
+    pub fn bytes(&self) -> usize {
+        let Work {
+            g_sp,
+            x,
+            h,
+            d,
+            w,
+            dw,
+            vd,
+            next,
+            lu,
+            ..
+        } = self;
+        let matrices = [g_sp, x, h, d, w, dw, vd, next];
+        matrices.iter().map(|matrix| matrix.bytes()).sum::<usize>() + lu.bytes()
+    }
+}
+
+impl Exact {
+    /// Brings C and K^c up to date; S holds the support of the change. The reciprocal condition of I + d H; as an error,
+    /// where it is too small, and then C and K^c are as they were.
+    pub(super) fn update(&mut self, change: &Change) -> Result<f64, f64> {
+        let Exact { held, work, .. } = self;
+        let (len, rank) = (held.len(), change.support.len());
+        work.at.clear();
+        work.at.extend(change.support.iter().map(|dof| held.place(*dof)));
+        let mut g_sp = work.g_sp.shape(len, rank);
+        for (column, &at) in work.at.iter().enumerate() {
+            g_sp.rb_mut().col_mut(column).copy_from(held.g.get().col(at));
+        }
+        let g_sp = g_sp.rb();
+        let mut x = work.x.shape(len, rank);
+        product(x.rb_mut(), Accum::Replace, held.c.get(), g_sp, 1.0);
+        let mut h = work.h.shape(rank, rank);
+        pick_rows(h.rb_mut(), g_sp, &work.at);
+        product(h.rb_mut(), Accum::Add, g_sp.transpose(), x.rb(), -1.0);
+        symmetrise(h.rb_mut());
+        let mut d = work.d.shape(rank, rank);
+        let condition = capacitance(&mut work.lu, change.stiffness.as_ref(), h.rb(), d.rb_mut());
+        if condition < self.options.reciprocal_limit {
+            return Err(condition);
+        }
+        let d = d.rb();
+
+        let b = held.b.get();
+        let mut w = work.w.shape(rank, b.ncols());
+        pick_rows(w.rb_mut(), b, &work.at);
+        product(w.rb_mut(), Accum::Add, x.rb().transpose(), b, -1.0);
+        let mut dw = work.dw.shape(rank, b.ncols());
+        product(dw.rb_mut(), Accum::Replace, d, w.rb(), 1.0);
+        symmetric_product(self.contacts.condensed.as_mut(), w.rb().transpose(), dw.rb(), -1.0);
+
+        // x becomes -V; the sign falls out of V D V^T.
+        for (column, &at) in work.at.iter().enumerate() {
+            x[(at, column)] -= 1.0;
+        }
+        let mut vd = work.vd.shape(len, rank);
+        product(vd.rb_mut(), Accum::Replace, x.rb(), d, 1.0);
+        symmetric_product(held.c.get_mut(), vd.rb(), x.rb().transpose(), 1.0);
+        Ok(condition)
+    }
+}
+
+/// Rows `at` of a matrix.
+fn pick_rows(mut out: MatMut<'_, f64>, from: MatRef<'_, f64>, at: &[usize]) {
+    for (mut out, from) in out.rb_mut().col_iter_mut().zip(from.col_iter()) {
+        for (row, &at) in at.iter().enumerate() {
+            out[row] = from[at];
+        }
+    }
+}
+
+/// `out = alpha A B` or `out += alpha A B`, on this thread.
+pub(super) fn product(out: MatMut<'_, f64>, accumulate: Accum, a: MatRef<'_, f64>, b: MatRef<'_, f64>, alpha: f64) {
+    matmul(out, accumulate, a, b, alpha, Par::Seq);
+}
+
+/// `out += alpha A B` where both `out` and the product are symmetric: computed below the diagonal and copied above.
+pub(super) fn symmetric_product(mut out: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, alpha: f64) {
+    triangular::matmul(
+        out.rb_mut(),
+        BlockStructure::TriangularLower,
+        Accum::Add,
+        a,
+        BlockStructure::Rectangular,
+        b,
+        BlockStructure::Rectangular,
+        alpha,
+        Par::Seq,
+    );
+    mirror(out);
+}

@@ -1,0 +1,117 @@
+//! What the corrected compliance says beyond the contacts: other entries, and displacements of the whole mesh.
+
+use faer::{Accum, Mat, MatMut, MatRef};
+
+use super::Exact;
+use super::update::product;
+use crate::mechanics::tissue::compliance::{ComplianceError, check_shape};
+use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
+use crate::mechanics::tissue::remesh::whole::{backward_error, defect};
+
+impl Exact {
+    /// The forces on the base mesh (N, one a free degree of freedom) that displace it as `forces` on the contacts displace
+    /// the current one: those on the contacts, and on S what makes up for the moved nodes. Who has them and K0^-1 has the
+    /// displacements of the whole mesh, on another thread for instance.
+    ///
+    /// # Errors
+    /// [`ComplianceError::Shape`] where a slice has the wrong length.
+    pub fn base_forces(&self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        check_shape("forces", forces.len(), self.contacts.dofs().len())?;
+        check_shape("forces on the base", out.len(), self.source.size())?;
+        let forces = MatRef::from_column_major_slice(forces, forces.len(), 1);
+        let mut across = Mat::zeros(self.held.len(), 1);
+        product(across.as_mut(), Accum::Replace, self.held.b.get(), forces, 1.0);
+        out.fill(0.0);
+        for (&dof, force) in self.contacts.dofs().iter().zip(forces.col(0).iter()) {
+            out[dof] = *force;
+        }
+        self.subtract_correction(across.as_ref(), out);
+        Ok(())
+    }
+
+    /// out -= E_S C x.
+    fn subtract_correction(&self, x: MatRef<'_, f64>, out: &mut [f64]) {
+        let mut corrected = Mat::zeros(self.held.len(), 1);
+        product(corrected.as_mut(), Accum::Replace, self.held.c.get(), x, 1.0);
+        for (&dof, force) in self.held.dofs().iter().zip(corrected.col(0).iter()) {
+            out[dof] -= force;
+        }
+    }
+
+    /// A block of the compliance of the current mesh.
+    pub(super) fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
+        let mut block = self.source.entries(rows, columns)?;
+        // S before the rows: a source that solves for columns has those of S at hand.
+        let left = self.source.entries(rows, self.held.dofs())?;
+        let right = self.source.entries(columns, self.held.dofs())?;
+        let mut corrected = Mat::zeros(self.held.len(), columns.len());
+        product(
+            corrected.as_mut(),
+            Accum::Replace,
+            self.held.c.get(),
+            right.transpose(),
+            1.0,
+        );
+        product(block.as_mut(), Accum::Add, left.as_ref(), corrected.as_ref(), -1.0);
+        Ok(block)
+    }
+
+    pub(super) fn whole(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        check_shape("displacements", out.len(), self.source.size())?;
+        let mut base = vec![0.0; out.len()];
+        self.base_forces(forces, &mut base)?;
+        self.source.multiply_into(&base, out)
+    }
+
+    pub(super) fn whole_refined(
+        &mut self,
+        mesh: &AdaptedMesh,
+        forces: &[f64],
+        out: &mut [f64],
+    ) -> Result<f64, ComplianceError> {
+        self.whole(forces, out)?;
+        let mut all = vec![0.0; out.len()];
+        for (&dof, force) in self.contacts.dofs().iter().zip(forces) {
+            all[dof] = *force;
+        }
+        mesh.difference_into(&mut self.difference);
+        let mut rest = defect(mesh, &self.difference, out, &all);
+        let mut correction = vec![0.0; out.len()];
+        self.apply(&mut rest, &mut correction)?;
+        out.iter_mut()
+            .zip(&correction)
+            .for_each(|(u, correction)| *u += correction);
+        Ok(backward_error(mesh, &self.difference, out, &all))
+    }
+
+    /// out = K^-1 x for any forces x, which are lost.
+    fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        self.source.multiply_into(x, out)?;
+        let across: Vec<f64> = self.held.dofs().iter().map(|dof| out[*dof]).collect();
+        self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), x);
+        self.source.multiply_into(x, out)
+    }
+
+    /// The largest residual of the columns `dofs` of the compliance of the whole mesh.
+    pub(super) fn true_residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, ComplianceError> {
+        mesh.difference_into(&mut self.difference);
+        let size = self.source.size();
+        let (mut unit, mut base, mut column) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
+        let mut worst = 0.0f64;
+        for &dof in dofs {
+            unit[dof] = 1.0;
+            base.copy_from_slice(&unit);
+            let mut across = vec![0.0; self.held.len()];
+            let rows = MatMut::from_column_major_slice_mut(&mut across, self.held.len(), 1);
+            self.source.entries_into(self.held.dofs(), &[dof], rows)?;
+            self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), &mut base);
+            self.source.multiply_into(&base, &mut column)?;
+            let rest = defect(mesh, &self.difference, &column, &unit);
+            worst = rest
+                .iter()
+                .fold(worst, |a, r| if r.is_nan() { f64::INFINITY } else { a.max(r.abs()) });
+            unit[dof] = 0.0;
+        }
+        Ok(worst)
+    }
+}

@@ -1,0 +1,113 @@
+//! Small dense matrices that grow and shrink without being allocated anew each time.
+
+use faer::prelude::ReborrowMut;
+use faer::{Mat, MatMut, MatRef};
+
+/// A matrix within memory that at least doubles when it is outgrown and is kept when the matrix shrinks.
+#[derive(Clone, Debug)]
+pub(super) struct Grown {
+    space: Mat<f64>,
+    rows: usize,
+    columns: usize,
+}
+
+impl Default for Grown {
+    fn default() -> Self {
+        Grown {
+            space: Mat::new(),
+            rows: 0,
+            columns: 0,
+        }
+    }
+}
+
+impl Grown {
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.space.nrows() * self.space.ncols() * size_of::<f64>()
+    }
+
+    pub fn get(&self) -> MatRef<'_, f64> {
+        self.space.as_ref().submatrix(0, 0, self.rows, self.columns)
+    }
+
+    pub fn get_mut(&mut self) -> MatMut<'_, f64> {
+        self.space.as_mut().submatrix_mut(0, 0, self.rows, self.columns)
+    }
+
+    /// Rows and columns of this size, with whatever values: the first of them keep theirs.
+    pub fn shape(&mut self, rows: usize, columns: usize) -> MatMut<'_, f64> {
+        let (tall, wide) = (self.space.nrows(), self.space.ncols());
+        if rows > tall || columns > wide {
+            let enough = |need: usize, have: usize| if need > have { need.max(2 * have) } else { have };
+            // Columns an odd number of cache lines apart do not fall on each other in the cache.
+            let tall = (enough(rows, tall).div_ceil(8) | 1) * 8;
+            let mut space = Mat::zeros(tall, enough(columns, wide));
+            let kept = self.get();
+            space
+                .as_mut()
+                .submatrix_mut(0, 0, kept.nrows(), kept.ncols())
+                .copy_from(kept);
+            self.space = space;
+        }
+        (self.rows, self.columns) = (rows, columns);
+        self.get_mut()
+    }
+
+    /// As [`shape`](Self::shape), with zeros in the new rows and columns.
+    pub fn extend(&mut self, rows: usize, columns: usize) {
+        let (old_rows, old_columns) = (self.rows.min(rows), self.columns.min(columns));
+        let mut matrix = self.shape(rows, columns);
+        matrix.rb_mut().get_mut(old_rows.., ..).fill(0.0);
+        matrix.get_mut(..old_rows, old_columns..).fill(0.0);
+    }
+
+    /// Takes out a row; the last one takes its place.
+    pub fn take_row(&mut self, row: usize) {
+        let last = self.rows - 1;
+        for mut column in self.get_mut().col_iter_mut() {
+            column[row] = column[last];
+        }
+        self.rows = last;
+    }
+
+    /// Takes out a column; the last one takes its place.
+    pub fn take_column(&mut self, column: usize) {
+        let last = self.columns - 1;
+        if column < last {
+            let (mut left, right) = self.get_mut().split_at_col_mut(last);
+            left.rb_mut().col_mut(column).copy_from(right.col(0));
+        }
+        self.columns = last;
+    }
+}
+
+/// Copies the lower triangle to the upper.
+pub(super) fn mirror(mut matrix: MatMut<'_, f64>) {
+    // In blocks, as rows of a large matrix lie far apart.
+    const BLOCK: usize = 16;
+    let size = matrix.nrows();
+    for first in (0..size).step_by(BLOCK) {
+        for left in (0..=first).step_by(BLOCK) {
+            for j in left..(left + BLOCK).min(size) {
+                for i in first.max(j + 1)..(first + BLOCK).min(size) {
+                    matrix[(j, i)] = matrix[(i, j)];
+                }
+            }
+        }
+    }
+}
+
+/// Replaces a nearly symmetric matrix by the mean of itself and its transpose.
+pub(super) fn symmetrise(mut matrix: MatMut<'_, f64>) {
+    for j in 0..matrix.ncols() {
+        for i in j + 1..matrix.nrows() {
+            let mean = 0.5 * (matrix[(i, j)] + matrix[(j, i)]);
+            matrix[(i, j)] = mean;
+            matrix[(j, i)] = mean;
+        }
+    }
+}

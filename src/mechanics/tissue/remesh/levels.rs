@@ -1,0 +1,348 @@
+//! Levels I to IV: the dense inverse follows the moves, all of it or in part (haptic simulator paper, section V-B).
+//!
+//! With P the degrees of freedom around the moved node, dK the change of the stiffness there, Y = K^-1[:, P] and G = Y[P, :], the
+//! matrix inversion lemma gives `K'^-1 = K^-1 - Y C Y^T` with `C = (I + dK G)^-1 dK`. dK comes from the true geometry, G and Y
+//! from the inverse at hand. C is computed in f64 whatever the inverse is kept in.
+//!
+//! | level | entries updated | what K^c is |
+//! |---|---|---|
+//! | I | all | that of the current mesh, up to rounding that adds up |
+//! | II | rows and columns in P | right where a contact was moved or is a neighbour, as far as Y was right; old elsewhere |
+//! | III | rows and columns of the node | right where the node itself is a contact, as far as Y was right; old elsewhere |
+//! | IV | none | that of the last state that was current: forces and displacements at the node's new place are taken for those at its old one |
+//!
+//! After level I, an inverse updated at level II or III is right in the updated rows: exactly so for one change, and after more
+//! of them as far as the entries that were left alone matter. Nothing guards it from losing definiteness, so K^c is checked by
+//! a Cholesky factorisation after each such change and the inverse is rebuilt where that fails. A rebuild takes the base and all
+//! moves since as one change, at level I.
+//!
+//! Rounding adds up at level I, slowly in f64 and fast in f32, faster yet near incompressibility. The residual of sampled
+//! columns against the true stiffness is watched, and the inverse rebuilt where it passes a limit.
+
+mod inverse;
+
+use std::sync::Arc;
+
+use faer::linalg::solvers::Llt;
+use faer::{Mat, MatRef, Side};
+
+use super::adapted::{AdaptedMesh, Change};
+use super::make::Entry;
+use super::options::Options;
+use super::{Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs, check_shape};
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::random::{hash3, seed_words};
+use inverse::Inverse;
+
+/// A dense inverse that follows at one of the levels I to IV. Works on the threads of the current rayon pool; the result does
+/// not depend on how many there are.
+#[derive(Debug)]
+pub struct Levels<T> {
+    inverse: Inverse<T>,
+    level: Level,
+    options: Options,
+    contacts: Vec<usize>,
+    condensed: Mat<f64>,
+    step: u64,
+    /// Changes since the inverse was current.
+    stale: u64,
+    rebuilds: u64,
+}
+
+impl<T: Entry> Levels<T> {
+    /// Follows `mesh` from its current state at `level`, I to IV. `base` is the inverse of its base, and stays as it is.
+    ///
+    /// # Errors
+    /// [`RemeshError`] where the inverse does not fit the mesh, the level is another, the precision does not suffice for the
+    /// materials, or the mesh is too far from its base.
+    pub fn new(
+        mesh: &AdaptedMesh,
+        base: Arc<Symmetric<T>>,
+        level: Level,
+        options: Options,
+    ) -> Result<Levels<T>, RemeshError> {
+        if level == Level::Exact {
+            return Err(RemeshError::Level {
+                asked: level,
+                offered: Level::I,
+            });
+        }
+        check_shape("rows of the inverse", base.size(), mesh.dofs().free())?;
+        suits(mesh, level, T::PRECISION, &options)?;
+        let mut levels = Levels {
+            inverse: Inverse::new(base),
+            level,
+            options,
+            contacts: Vec::new(),
+            condensed: Mat::new(),
+            step: mesh.step(),
+            stale: 0,
+            rebuilds: 0,
+        };
+        if !mesh.away().is_empty() {
+            levels.refresh(mesh)?;
+            levels.rebuilds = 0;
+        }
+        Ok(levels)
+    }
+
+    /// The inverse at hand.
+    pub fn inverse(&self) -> &Symmetric<T> {
+        &self.inverse.current
+    }
+
+    /// How often the inverse was rebuilt from the base.
+    pub fn rebuilds(&self) -> u64 {
+        self.rebuilds
+    }
+
+    fn residual_limit(&self) -> f64 {
+        match T::PRECISION {
+            Precision::Single => self.options.residual_single,
+            Precision::Double => self.options.residual_double,
+        }
+    }
+
+    fn read_condensed(&mut self) -> Result<(), ComplianceError> {
+        self.condensed = self.inverse.current.entries(&self.contacts, &self.contacts)?;
+        Ok(())
+    }
+
+    /// Whether K^c can be a compliance: symmetric it is, and positive definite it must be.
+    fn is_definite(&self) -> bool {
+        self.contacts.is_empty() || Llt::new(self.condensed.as_ref(), Side::Lower).is_ok()
+    }
+
+    /// Looks at what a change has left behind, and says why the inverse must be rebuilt if it must.
+    fn due(&mut self, mesh: &AdaptedMesh, change: &Change, report: &mut RemeshReport) -> Option<Rebuilt> {
+        let Options { check_every, .. } = self.options;
+        if self.level == Level::I && check_every > 0 && self.step.is_multiple_of(check_every) {
+            let size = self.inverse.current.size();
+            let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % size;
+            // One column where the inverse has just changed most, and one anywhere.
+            let own = change.support.first().map_or(any, |dof| *dof as usize);
+            let residual = self.inverse.residual(mesh, &[own, any]);
+            report.residual = Some(residual);
+            if residual.is_nan() || residual > self.residual_limit() {
+                return Some(Rebuilt::Residual(residual));
+            }
+        }
+        let partial = matches!(self.level, Level::II | Level::III);
+        (partial && !self.is_definite()).then_some(Rebuilt::Indefinite)
+    }
+
+    /// Rebuilds the inverse; the reciprocal condition of what was solved for it.
+    fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
+        let limit = self.options.reciprocal_limit;
+        let condition = self.inverse.rebuild(mesh, limit)?;
+        condition.map_err(|reciprocal_condition| RemeshError::FarFromBase {
+            reciprocal_condition,
+            limit,
+        })
+    }
+
+    fn rebuilt(&self, mesh: &AdaptedMesh, condition: f64, reason: Rebuilt) -> RemeshReport {
+        let rank = mesh.support().count();
+        RemeshReport {
+            level: self.level,
+            rank,
+            held: 0,
+            reciprocal_condition: condition,
+            residual: None,
+            rebuilt: Some(reason),
+            rebuild_failed: false,
+            bytes_moved: 3 * self.inverse.current.bytes() + self.inverse.columns_bytes(rank),
+        }
+    }
+}
+
+/// Refuses f32 where rounding makes it useless.
+fn suits(mesh: &AdaptedMesh, level: Level, precision: Precision, options: &Options) -> Result<(), RemeshError> {
+    let poisson = mesh.stiffness().materials().iter().map(|material| material.poisson());
+    let highest = poisson.fold(-1.0, f64::max);
+    let limit = options.single_poisson_limit;
+    if precision == Precision::Double || level == Level::IV || highest <= limit {
+        return Ok(());
+    }
+    Err(RemeshError::Unsuited {
+        level,
+        precision,
+        reason: format!(
+            "a region has a Poisson's ratio of {highest}, and beyond {limit} the rounding of f32 outgrows the answer within \
+             tens of remeshes; use f64, or the exact level"
+        ),
+    })
+}
+
+/// The rows and columns that a level updates, if not all.
+fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usize>> {
+    match level {
+        Level::II => Some(change.support.iter().map(|dof| *dof as usize).collect()),
+        Level::III => {
+            let own = mesh.dofs().of(change.node).into_iter().filter(|dof| *dof != NONE);
+            Some(own.map(|dof| dof as usize).collect())
+        }
+        Level::I | Level::IV | Level::Exact => None,
+    }
+}
+
+impl<T: Entry> Remesher for Levels<T> {
+    fn level(&self) -> Level {
+        self.level
+    }
+
+    fn set_level(&mut self, mesh: &AdaptedMesh, level: Level) -> Result<Option<RemeshReport>, RemeshError> {
+        if level == Level::Exact {
+            return Err(RemeshError::Level {
+                asked: level,
+                offered: self.level,
+            });
+        }
+        suits(mesh, level, T::PRECISION, &self.options)?;
+        let before = std::mem::replace(&mut self.level, level);
+        if level >= before || self.stale == 0 {
+            return Ok(None);
+        }
+        match self.refresh(mesh) {
+            Ok(report) => Ok(Some(RemeshReport {
+                rebuilt: Some(Rebuilt::Switched),
+                ..report
+            })),
+            Err(error) => {
+                self.level = before;
+                Err(error)
+            }
+        }
+    }
+
+    fn precision(&self) -> Precision {
+        T::PRECISION
+    }
+
+    fn state(&self) -> State {
+        match self.stale {
+            0 => State::Current,
+            changes => State::Approximate { changes },
+        }
+    }
+
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
+        check_step(self.step, mesh, change)?;
+        let rank = change.support.len();
+        let (condition, bytes_moved) = match self.level {
+            Level::IV => (1.0, 0),
+            level => {
+                let limit = self.options.reciprocal_limit;
+                let rows = rows_of(level, mesh, change);
+                let condition = self.inverse.update(change, rows.as_deref(), limit)?;
+                let condition = condition.map_err(|reciprocal_condition| RemeshError::Singular {
+                    node: change.node,
+                    reciprocal_condition,
+                    limit,
+                })?;
+                let touched = match rows {
+                    None => self.inverse.current.bytes(),
+                    Some(rows) => self.inverse.columns_bytes(rows.len()),
+                };
+                (condition, 2 * touched + self.inverse.columns_bytes(rank))
+            }
+        };
+        self.step += 1;
+        if self.level != Level::I || self.stale > 0 {
+            self.stale += 1;
+        }
+        if self.level != Level::IV {
+            self.read_condensed()?;
+        }
+        let mut report = RemeshReport {
+            level: self.level,
+            rank,
+            held: 0,
+            reciprocal_condition: condition,
+            residual: None,
+            rebuilt: None,
+            rebuild_failed: false,
+            bytes_moved,
+        };
+        if let Some(reason) = self.due(mesh, change, &mut report) {
+            match self.refresh(mesh) {
+                Ok(rebuilt) => {
+                    report.rebuilt = Some(reason);
+                    report.bytes_moved += rebuilt.bytes_moved;
+                }
+                Err(_) => report.rebuild_failed = true,
+            }
+        }
+        Ok(report)
+    }
+
+    fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
+        let condition = self.rebuild(mesh)?;
+        self.step = mesh.step();
+        self.stale = 0;
+        self.rebuilds += 1;
+        self.read_condensed()?;
+        Ok(self.rebuilt(mesh, condition, Rebuilt::Requested))
+    }
+
+    fn rebase(&mut self, mesh: &AdaptedMesh, source: &Source) -> Result<RemeshReport, RemeshError> {
+        let base = T::dense(source).ok_or_else(|| RemeshError::Unsuited {
+            level: self.level,
+            precision: T::PRECISION,
+            reason: "the new base needs a dense inverse in the precision of the old one".to_owned(),
+        })?;
+        let mut next = Levels::new(mesh, base, self.level, self.options)?;
+        next.set_contacts(&self.contacts)?;
+        next.rebuilds = self.rebuilds + 1;
+        *self = next;
+        Ok(self.rebuilt(mesh, 1.0, Rebuilt::Requested))
+    }
+
+    fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
+        check_dofs(dofs, self.inverse.current.size())?;
+        Ok(self.inverse.residual(mesh, dofs))
+    }
+
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
+        check_dofs(dofs, self.inverse.current.size())?;
+        check_distinct(dofs)?;
+        self.contacts = dofs.to_vec();
+        self.read_condensed().map_err(RemeshError::from)
+    }
+
+    fn contacts(&self) -> &[usize] {
+        &self.contacts
+    }
+
+    fn condensed(&self) -> MatRef<'_, f64> {
+        self.condensed.as_ref()
+    }
+
+    fn compliance(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        self.inverse.current.entries(rows, columns).map_err(RemeshError::from)
+    }
+
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
+        self.inverse
+            .displacement(&self.contacts, forces, out)
+            .map_err(RemeshError::from)
+    }
+
+    fn displacement_refined(
+        &mut self,
+        mesh: &AdaptedMesh,
+        forces: &[f64],
+        out: &mut [f64],
+    ) -> Result<f64, RemeshError> {
+        self.displacement(forces, out)?;
+        self.inverse
+            .refine(mesh, &self.contacts, forces, out)
+            .map_err(RemeshError::from)
+    }
+
+    fn memory(&self) -> usize {
+        self.inverse.bytes()
+    }
+}

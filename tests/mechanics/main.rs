@@ -1,0 +1,3 @@
+//! Mechanics against closed forms and independent solutions.
+
+mod remesh;

@@ -1,0 +1,4 @@
+//! Remeshing at every level against the inverse of the stiffness assembled from the moved mesh.
+
+mod accuracy;
+mod support;
