@@ -1,4 +1,6 @@
 // Speckle: scatterers of the reference state, then the point spread in the beam frame. Twin of src/effects/speckle.rs.
+const NONE: u32 = 0xffffffffu;
+
 struct Params {
     elevation: vec4<f32>,
     planes: array<vec4<f32>, 2>,
@@ -11,7 +13,8 @@ struct Params {
     per_mm: f32,
     axial_reach: u32,
     lateral_reach: u32,
-    unused: vec2<u32>,
+    carries_at: u32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Params;
@@ -20,6 +23,10 @@ struct Params {
 @group(0) @binding(1) var<storage, read> positions: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> amplitudes: array<f32>;
 @group(0) @binding(3) var<storage, read_write> scatter: array<vec2<f32>>;
+
+// warped_scatter_pass
+@group(0) @binding(4) var<storage, read> elements: array<u32>;
+@group(0) @binding(5) var<storage, read> element_maps: array<vec4<f32>>;
 
 // axial_pass and lateral_pass
 @group(0) @binding(1) var<storage, read> echoes: array<vec2<f32>>;
@@ -46,26 +53,60 @@ fn scatterer(p: vec3<f32>) -> vec2<f32> {
     return sum * sqrt(6.0 / 65536.0 / 65536.0 / (square.x * square.y * square.z));
 }
 
+struct FineScanline {
+    line: u32,
+    next: u32,
+    nearest: u32,
+    part: f32,
+}
+
+fn fine_scanline(fine: u32) -> FineScanline {
+    let line = fine / params.oversampling;
+    let rest = fine % params.oversampling;
+    let next = min(line + 1u, params.lines - 1u);
+    let nearest = select(line, next, rest > 0u && 2u * rest >= params.oversampling);
+    return FineScanline(line, next, nearest, f32(rest) / f32(params.oversampling));
+}
+
+// Echo of a sample of a fine scanline, with `step` (mm, reference state) from one sub-plane to the next.
+fn echo(at: FineScanline, sample: u32, step: vec3<f32>) -> vec2<f32> {
+    let a = positions[at.line * params.samples + sample].xyz;
+    let b = positions[at.next * params.samples + sample].xyz;
+    let middle = 0.5 * f32(params.plane_count - 1u);
+    var sum = vec2<f32>(0.0);
+    for (var plane = 0u; plane < params.plane_count; plane++) {
+        let p = a + at.part * (b - a) + step * (f32(plane) - middle);
+        sum += params.planes[plane >> 2u][plane & 3u] * scatterer(p * params.per_mm);
+    }
+    return amplitudes[at.nearest * params.samples + sample] * sum;
+}
+
 @compute @workgroup_size(64)
 fn scatter_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let line = id.y / params.oversampling;
-    let rest = id.y % params.oversampling;
-    let next = min(line + 1u, params.lines - 1u);
-    let part = f32(rest) / f32(params.oversampling);
-    let a = positions[line * params.samples + id.x].xyz;
-    let b = positions[next * params.samples + id.x].xyz;
-    let at = a + part * (b - a);
-    let nearest = select(line, next, rest > 0u && 2u * rest >= params.oversampling);
-    let middle = 0.5 * f32(params.plane_count - 1u);
-    var sum = vec2<f32>(0.0);
-    for (var plane = 0u; plane < params.plane_count; plane++) {
-        let offset = params.elevation.xyz * params.plane_mm * (f32(plane) - middle);
-        sum += params.planes[plane >> 2u][plane & 3u] * scatterer((at + offset) * params.per_mm);
+    scatter[id.y * params.samples + id.x] = echo(fine_scanline(id.y), id.x, params.elevation.xyz * params.plane_mm);
+}
+
+// The sub-planes bend with the tissue: the elevation is carried to the reference state by the element of each sample.
+@compute @workgroup_size(64)
+fn warped_scatter_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
     }
-    scatter[id.y * params.samples + id.x] = amplitudes[nearest * params.samples + id.x] * sum;
+    let at = fine_scanline(id.y);
+    var step = params.elevation.xyz * params.plane_mm;
+    let element = elements[at.nearest * params.samples + id.x];
+    if element != NONE {
+        let map = params.carries_at + 3u * element;
+        step = vec3<f32>(
+            dot(element_maps[map].xyz, step),
+            dot(element_maps[map + 1u].xyz, step),
+            dot(element_maps[map + 2u].xyz, step),
+        );
+    }
+    scatter[id.y * params.samples + id.x] = echo(at, id.x, step);
 }
 
 @compute @workgroup_size(64)

@@ -26,7 +26,7 @@ use scatter::scatter;
 use spread::{axial, lateral};
 pub use tables::SpeckleTables;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::random::seed_words;
 use crate::synth::tables::Tables;
@@ -81,7 +81,10 @@ impl Speckle {
 pub const EFFECT: Effect = Effect {
     name: "speckle",
     wanted,
-    passes: |_| PASSES,
+    passes: |tables| match tables.anatomy.mesh {
+        Some(_) => WARPED_PASSES,
+        None => PASSES,
+    },
 };
 
 const SHADER: &str = concat!(
@@ -90,40 +93,64 @@ const SHADER: &str = concat!(
 );
 
 static PASSES: &[Pass] = &[
+    scatter_pass("scatter_pass", &[(Position, Read), (Amplitude, Read), (Scatter, Write)]),
+    AXIAL,
+    LATERAL,
+];
+
+/// Where a mesh deforms the tissue, the sub-planes bend with it.
+static WARPED_PASSES: &[Pass] = &[
+    scatter_pass(
+        "warped_scatter_pass",
+        &[
+            (Position, Read),
+            (Amplitude, Read),
+            (Scatter, Write),
+            (Element, Read),
+            (ElementMaps, Read),
+        ],
+    ),
+    AXIAL,
+    LATERAL,
+];
+
+const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {
         name: "speckle_scatter",
         shader: SHADER,
-        entry: "scatter_pass",
-        bindings: &[(Position, Read), (Amplitude, Read), (Scatter, Write)],
+        entry,
+        bindings,
         params,
         workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
         flips: false,
         cpu: scatter::<f32>,
         cpu_f64: scatter::<f64>,
-    },
-    Pass {
-        name: "speckle_axial",
-        shader: SHADER,
-        entry: "axial_pass",
-        bindings: &[(Scatter, Read), (AxialKernel, Read), (ScatterAxial, Write)],
-        params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
-        flips: false,
-        cpu: axial::<f32>,
-        cpu_f64: axial::<f64>,
-    },
-    Pass {
-        name: "speckle_lateral",
-        shader: SHADER,
-        entry: "lateral_pass",
-        bindings: &[(ScatterAxial, Read), (LateralKernel, Read), (Amplitude, Write)],
-        params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
-        flips: false,
-        cpu: lateral::<f32>,
-        cpu_f64: lateral::<f64>,
-    },
-];
+    }
+}
+
+const AXIAL: Pass = Pass {
+    name: "speckle_axial",
+    shader: SHADER,
+    entry: "axial_pass",
+    bindings: &[(Scatter, Read), (AxialKernel, Read), (ScatterAxial, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    flips: false,
+    cpu: axial::<f32>,
+    cpu_f64: axial::<f64>,
+};
+
+const LATERAL: Pass = Pass {
+    name: "speckle_lateral",
+    shader: SHADER,
+    entry: "lateral_pass",
+    bindings: &[(ScatterAxial, Read), (LateralKernel, Read), (Amplitude, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: lateral::<f32>,
+    cpu_f64: lateral::<f64>,
+};
 
 fn fine_lines(tables: &Tables) -> usize {
     tables
@@ -173,8 +200,10 @@ pub struct Params {
     pub axial_reach: u32,
     /// Fine scanlines on each side of the lateral kernel.
     pub lateral_reach: u32,
+    /// Where the world-to-reference maps of the deformed elements begin, in vec4.
+    pub carries_at: u32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+    pub unused: u32,
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
@@ -196,7 +225,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         per_mm: (1.0 / own.lattice_mm) as f32,
         axial_reach: own.axial_reach() as u32,
         lateral_reach: own.lateral.reach as u32,
-        unused: [0; 2],
+        carries_at: view.warp.map_or(0, |warp| warp.carries_at),
+        unused: 0,
     })
 }
 

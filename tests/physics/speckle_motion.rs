@@ -106,3 +106,29 @@ fn a_motion_of_probe_and_tissue_together_changes_nothing() {
         assert!((a - b).abs() < 1e-9, "sample {index}: {a} became {b}");
     }
 }
+
+#[test]
+fn a_rotation_of_probe_and_tissue_together_changes_nothing() {
+    let (anatomy, settings) = scene();
+    let mut synthesizer = synthesizer(&anatomy, &settings, Backend::CpuF64);
+    let still = synthesizer
+        .render_until("speckle_lateral", &moved(&anatomy, [0.0; 3]))
+        .expect("a beam");
+    // About an axis of no symmetry, so that the elevation leaves its plane.
+    for degrees in [20.0f64, 60.0, 180.0] {
+        let axis = nalgebra::Unit::new_normalize(nalgebra::Vector3::new(1.0, 0.7, -0.4));
+        let turn = nalgebra::Rotation3::from_axis_angle(&axis, degrees.to_radians());
+        let mut state = moved(&anatomy, [0.0; 3]);
+        for node in state.nodes.iter_mut().flatten() {
+            *node = (turn * nalgebra::Vector3::from(*node)).into();
+        }
+        state.probe_to_world = turn.to_homogeneous();
+        let after = synthesizer.render_until("speckle_lateral", &state).expect("a beam");
+        for (index, (a, b)) in still.amplitude.iter().zip(&after.amplitude).enumerate() {
+            assert!(
+                (a - b).abs() < 1e-9,
+                "{degrees} degrees, sample {index}: {a} became {b}"
+            );
+        }
+    }
+}

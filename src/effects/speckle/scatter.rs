@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::BLOCK;
 use super::tables::MAX_PLANES;
 use crate::effects::pass::View;
+use crate::mechanics::mesh::{Locator, NONE};
 use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
@@ -15,15 +16,19 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(own) = &tables.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm));
     let lattice = Lattice {
         seed: seed_words(tables.settings.seed),
         per_mm: T::of(1.0 / own.lattice_mm),
-        step: [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm)),
         planes: std::array::from_fn(|plane| T::of(own.planes.get(plane).copied().unwrap_or(0.0))),
         count: own.planes.len(),
     };
     let positions = &store.position[..lines * samples];
     let amplitudes = &store.amplitude[..lines * samples];
+    let deformed = store
+        .locators
+        .as_ref()
+        .map(|(deformed, _)| (deformed, &store.element[..]));
     // A fine scanline holds its real parts, then its imaginary parts.
     store
         .scatter
@@ -41,10 +46,13 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 &positions[next * samples..][..samples],
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
+            let deformed = deformed.map(|(locator, elements)| (locator, &elements[nearest * samples..][..samples]));
             vectorised(FineScanline {
                 lattice: &lattice,
                 between: [a, b],
                 part,
+                step,
+                deformed,
                 amplitudes,
                 echoes,
             });
@@ -57,6 +65,10 @@ struct FineScanline<'a, T> {
     lattice: &'a Lattice<T>,
     between: [&'a [[T; 4]]; 2],
     part: T,
+    /// From one sub-plane to the next in the world, mm.
+    step: [T; 3],
+    /// The deformed mesh, and the element of each sample of the nearest scanline.
+    deformed: Option<(&'a Locator<T>, &'a [u32])>,
     amplitudes: &'a [T],
     echoes: &'a mut [T],
 }
@@ -70,6 +82,8 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
             lattice,
             between: [a, b],
             part,
+            step,
+            deformed,
             amplitudes,
             echoes,
         } = self;
@@ -83,7 +97,20 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                     at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
                 }
             }
-            lattice.block(&at, &amplitudes[start..end], &mut re[start..end], &mut im[start..end]);
+            let mut steps = step.map(|step| [step; BLOCK]);
+            if let Some((locator, elements)) = deformed {
+                for (i, &element) in elements[start..end].iter().enumerate().filter(|&(_, &e)| e != NONE) {
+                    let step = locator.to_reference_direction(element, step);
+                    (steps[0][i], steps[1][i], steps[2][i]) = (step[0], step[1], step[2]);
+                }
+            }
+            lattice.block(
+                &at,
+                &steps,
+                &amplitudes[start..end],
+                &mut re[start..end],
+                &mut im[start..end],
+            );
         }
     }
 }
@@ -94,8 +121,6 @@ pub struct Lattice<T> {
     pub seed: [u32; 2],
     /// Lattice points per mm.
     pub per_mm: T,
-    /// From one sub-plane to the next, mm.
-    pub step: [T; 3],
     /// Weights of the sub-planes.
     pub planes: [T; MAX_PLANES],
     /// Sub-planes.
@@ -103,17 +128,17 @@ pub struct Lattice<T> {
 }
 
 impl<T: Real> Lattice<T> {
-    /// Complex echoes at up to [`BLOCK`] positions.
+    /// Complex echoes at up to [`BLOCK`] reference positions `at` (mm), with `steps` (mm) from one sub-plane to the next.
     #[inline(always)]
-    fn block(&self, at: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
+    fn block(&self, at: &[[T; BLOCK]; 3], steps: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
         let (mut sum_re, mut sum_im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
         let middle = T::of((self.count - 1) as f64 / 2.0);
         for plane in 0..self.count {
-            let offset = self.step.map(|step| step * (T::of(plane as f64) - middle));
+            let away = T::of(plane as f64) - middle;
             let mut p = [[T::zero(); BLOCK]; 3];
             for axis in 0..3 {
                 for i in 0..BLOCK {
-                    p[axis][i] = (at[axis][i] + offset[axis]) * self.per_mm;
+                    p[axis][i] = (at[axis][i] + steps[axis][i] * away) * self.per_mm;
                 }
             }
             let (a, b) = scatterers(&p, self.seed);

@@ -145,6 +145,15 @@ impl<T: Real> Locator<T> {
         element::carry_to_reference(&self.frames[index], &self.carries[index], p)
     }
 
+    /// The direction (mm) in the reference state of what is `direction` (mm) in this state, inside `element`.
+    ///
+    /// # Panics
+    /// If there is no such element.
+    pub fn to_reference_direction(&self, element: u32, direction: [T; 3]) -> [T; 3] {
+        let [x, y, z] = direction;
+        self.carries[element as usize].map(|row| row[0] * x + row[1] * y + row[2] * z)
+    }
+
     /// An answer that holds whatever the start, or none.
     #[inline]
     fn walk(&self, p: [T; 3], start: u32) -> Option<Hit<T>> {
