@@ -67,6 +67,7 @@ impl Error {
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
+            Self::Synth(SynthError::Memory { .. }) => true,
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
             Self::Write(_) => true,

@@ -28,6 +28,7 @@ pub mod effects;
 pub mod error;
 pub mod gpu;
 pub mod mechanics;
+mod memory;
 pub mod output;
 pub mod phantom;
 pub mod plan;

@@ -67,6 +67,8 @@ pub struct Plan {
     pub without: Vec<Omitted>,
     /// What the passes bind.
     pub resources: Vec<PlannedResource>,
+    /// What comes out otherwise than the scene asks.
+    pub warnings: Vec<String>,
 }
 
 impl Plan {
@@ -102,6 +104,7 @@ impl Plan {
             passes,
             without,
             resources,
+            warnings: tables.warnings(),
         }
     }
 
@@ -151,6 +154,7 @@ impl Plan {
             without: self.without.clone(),
             resources: self.resources.clone(),
             bytes: self.bytes(),
+            warnings: self.warnings.clone(),
         }
     }
 }
@@ -180,6 +184,8 @@ pub struct PlanReport {
     pub resources: Vec<PlannedResource>,
     /// Bytes of all resources.
     pub bytes: u64,
+    /// What comes out otherwise than the scene asks.
+    pub warnings: Vec<String>,
 }
 
 impl fmt::Display for PlanReport {

@@ -43,6 +43,19 @@ pub enum SynthError {
         /// Nodes of the mesh.
         expected: usize,
     },
+    /// More memory than the machine has to spare.
+    #[error(
+        "a frame of this size takes {} MiB of memory, and {} MiB are to be had; ask for fewer pixels, scanlines, samples or \
+         sub-planes",
+        needed >> 20,
+        available >> 20
+    )]
+    Memory {
+        /// Bytes that it takes.
+        needed: u64,
+        /// Bytes that the system can give.
+        available: u64,
+    },
     /// A pose with numbers that are not finite, or that is singular.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
@@ -165,8 +178,8 @@ impl Synthesizer {
         let tables = Tables::new(anatomy, settings)?;
         let plan = Plan::new(&tables);
         let executor = match backend {
-            Backend::Cpu => Executor::Cpu(cpu::CpuExecutor::new(&plan, &tables)),
-            Backend::CpuF64 => Executor::CpuF64(cpu::CpuExecutor::new(&plan, &tables)),
+            Backend::Cpu => Executor::Cpu(cpu::CpuExecutor::new(&plan, &tables)?),
+            Backend::CpuF64 => Executor::CpuF64(cpu::CpuExecutor::new(&plan, &tables)?),
             Backend::Gpu(gpu) => Executor::Gpu(Box::new(gpu::GpuExecutor::new(*gpu, &plan, &tables)?)),
         };
         let frame = Frame {
@@ -254,8 +267,8 @@ impl Synthesizer {
     fn fit(&mut self, changed: &[Resource]) -> Result<(), SynthError> {
         self.plan = Plan::new(&self.tables);
         match &mut self.executor {
-            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables),
-            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables),
+            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables)?,
+            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables)?,
             Executor::Gpu(gpu) => gpu.fit(&self.plan, &self.tables, changed)?,
         }
         Ok(())
@@ -378,6 +391,30 @@ impl Synthesizer {
             Executor::Cpu(cpu) => cpu.store.bytes() as u64,
             Executor::CpuF64(cpu) => cpu.store.bytes() as u64,
             Executor::Gpu(gpu) => gpu.bytes(),
+        }
+    }
+}
+
+/// Refuses what would not fit the memory, before anything of it is taken. Where the system does not tell, nothing is refused.
+fn check_memory(needed: u64) -> Result<(), SynthError> {
+    match crate::memory::available().map(|bytes| bytes as u64) {
+        Some(available) if needed > available => Err(SynthError::Memory { needed, available }),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Error;
+
+    #[test]
+    fn what_exceeds_the_memory_is_refused_as_the_machines_failure() {
+        assert!(check_memory(0).is_ok());
+        if crate::memory::available().is_some() {
+            let error = check_memory(u64::MAX).unwrap_err();
+            assert!(error.to_string().contains("fewer pixels"), "{error}");
+            assert_eq!(Error::from(error).exit_status(), crate::error::MACHINE);
         }
     }
 }

@@ -60,6 +60,12 @@ impl BackendArgs {
 
     /// A synthesizer on the backend asked for.
     pub fn synthesizer(&self, anatomy: Anatomy, settings: Settings) -> Result<Chosen, Failure> {
+        let mut chosen = self.choose(anatomy, settings)?;
+        chosen.warnings.extend_from_slice(&chosen.synth.plan().warnings);
+        Ok(chosen)
+    }
+
+    fn choose(&self, anatomy: Anatomy, settings: Settings) -> Result<Chosen, Failure> {
         self.check()?;
         let cpu = |anatomy, settings, reason: String, warnings| -> Result<Chosen, Failure> {
             Ok(Chosen {

@@ -30,6 +30,13 @@ pub struct Input {
 impl Input {
     fn load(&self) -> Result<Scene, Failure> {
         let mut file = match (&self.scene, &self.labels) {
+            (Some(scene), _) if is_image(scene) => {
+                let name = scene.display();
+                return Err(Failure::usage(
+                    format!("{name} is an image file, not a scene"),
+                    format!("a label file is given with --labels {name}"),
+                ));
+            }
             (Some(scene), _) => SceneFile::read(scene)?,
             (None, Some(labels)) => SceneFile::for_labels(labels),
             (None, None) => SceneFile::parse(scene::DEFAULT, "the default scene")?,
@@ -79,6 +86,14 @@ impl Input {
             file.image = Some(image);
         }
     }
+}
+
+/// Whether a file is named as a volume is.
+fn is_image(path: &Path) -> bool {
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    [".nii", ".nii.gz", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd"]
+        .iter()
+        .any(|end| name.ends_with(end))
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {

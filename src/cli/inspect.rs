@@ -16,7 +16,7 @@ pub struct Inspect {
     #[command(flatten)]
     input: Input,
     /// Column and row of the pixel, from 0 at the near corner of the unmarked side
-    #[arg(long, value_name = "X,Y", value_parser = pixel)]
+    #[arg(long, value_name = "X,Y", value_parser = pixel, allow_hyphen_values = true)]
     at: [usize; 2],
     /// Which frame, from 0
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -1,9 +1,7 @@
 //! `insonify plan`: what a frame of a scene is made of.
 
 use clap::Args;
-use insonify::plan::PlanReport;
 use insonify::synth::tables::Tables;
-use serde::Serialize;
 
 use super::failure::Failure;
 use super::input::Input;
@@ -19,23 +17,15 @@ pub struct Plan {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Report {
-    #[serde(flatten)]
-    plan: PlanReport,
-    warnings: Vec<String>,
-}
-
 impl Plan {
     pub fn run(&self) -> Result<(), Failure> {
         let scene = self.input.scene(self.json)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
-        let plan = insonify::plan::Plan::new(&tables).report();
+        let mut plan = insonify::plan::Plan::new(&tables).report();
+        plan.warnings.iter().for_each(terminal::warn);
         if self.json {
-            return terminal::emit_json(&Report {
-                plan,
-                warnings: scene.warnings,
-            });
+            plan.warnings.splice(0..0, scene.warnings);
+            return terminal::emit_json(&plan);
         }
         terminal::emit(&plan.to_string())
     }

@@ -12,24 +12,30 @@ pub struct LateralKernel {
     pub reach: usize,
     /// Weights, tap by tap, each a row over the sample depths.
     pub weights: Numbers,
+    /// The least share of the width asked that any depth has: below 1 where a kernel would reach further than it may.
+    pub least_share: f64,
     samples: usize,
 }
 
 /// Full width at half maximum of a Gaussian over its standard deviation, 2 sqrt(2 ln 2).
 pub const FWHM_PER_SIGMA: f64 = 2.354_820_045_030_949_3;
 
-/// Widest reach to each side, in scanlines.
+/// Widest reach of a kernel to each side, in taps.
 pub const MAX_REACH: usize = 64;
 
+/// Widest standard deviation of a kernel, in taps: cut at three of them it still has a Gaussian's shape.
+pub const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
+
 impl LateralKernel {
-    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines, cut at three of them, whose sum is
-    /// `total(sample, weights that sum to 1)`.
+    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), cut at three of them,
+    /// whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
-        let widest = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
-        let reach = ((3.0 * widest).ceil() as usize).min(MAX_REACH);
+        let asked = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
+        let widest = asked.min(MAX_SIGMA);
+        let reach = (3.0 * widest).ceil() as usize;
         let mut weights = vec![0.0; (2 * reach + 1) * samples];
         for sample in 0..samples {
-            let own = gaussian(sigma_lines(sample), reach);
+            let own = gaussian(sigma_lines(sample).min(MAX_SIGMA), reach);
             let factor = total(sample, &own);
             for (tap, weight) in own.into_iter().enumerate() {
                 weights[tap * samples + sample] = weight * factor;
@@ -38,6 +44,7 @@ impl LateralKernel {
         Self {
             reach,
             weights: Numbers::new(weights),
+            least_share: if asked > widest { widest / asked } else { 1.0 },
             samples,
         }
     }
@@ -68,6 +75,15 @@ pub fn gaussian(sigma: f64, reach: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_reaches_too_far_is_a_narrower_gaussian_and_says_so() {
+        let kernel = LateralKernel::gaussian(2, |sample| [10.0, 4.0 * MAX_SIGMA][sample], |_, _| 1.0);
+        assert_eq!((kernel.reach, kernel.least_share), (MAX_REACH, 0.25));
+        let widest: Vec<f64> = kernel.at(1).collect();
+        assert!(widest[0] < 0.02 * widest[MAX_REACH], "the ends fade: {widest:?}");
+        assert_eq!(LateralKernel::gaussian(1, |_| 10.0, |_, _| 1.0).least_share, 1.0);
+    }
 
     #[test]
     fn kernels_sum_to_one_and_have_the_width_asked() {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::store::Store;
 use super::tables::Tables;
-use super::{FrameState, PassTime, SynthError};
+use super::{FrameState, PassTime, SynthError, check_memory};
 use crate::effects::pass::{Pass, View};
 use crate::plan::{Plan, PlannedPass};
 use crate::real::Real;
@@ -38,21 +38,25 @@ pub struct CpuExecutor<T: PassScalar> {
 }
 
 impl<T: PassScalar> CpuExecutor<T> {
-    /// Memory for a plan.
-    pub fn new(plan: &Plan, tables: &Tables) -> Self {
+    /// Memory for a plan; an error if the machine has too little to spare.
+    pub fn new(plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
         let mut executor = Self {
             store: Store::default(),
             timed: false,
             times: Vec::new(),
         };
-        executor.fit(plan, tables);
-        executor
+        executor.fit(plan, tables)?;
+        Ok(executor)
     }
 
-    /// Adapts the memory to a changed plan.
-    pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
+    /// Adapts the memory to a changed plan; an error if the machine has too little to spare.
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+        // The plan counts numbers of 4 bytes.
+        let needed = plan.bytes() * (size_of::<T>() / size_of::<f32>()) as u64;
+        check_memory(needed.saturating_sub(self.store.bytes() as u64))?;
         self.store.fit(plan, tables);
         self.times.reserve_exact(plan.passes.len());
+        Ok(())
     }
 
     /// Runs the passes and copies the pixels out.

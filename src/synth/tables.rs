@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::SynthError;
-use crate::effects::lateral::LateralKernel;
+use super::{SynthError, check_memory};
+use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
 use crate::effects::shadow::units;
@@ -116,6 +116,7 @@ impl Tables {
         settings.effects.validate()?;
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
+        check_memory(least_bytes(&grid, &settings))?;
         let mut tables = Self {
             volume: Arc::clone(&anatomy.volume),
             scan_map: clamped_scan_map(&grid, &image_grid),
@@ -154,6 +155,7 @@ impl Tables {
             self.grid.clone()
         };
         let image_grid = image_grid(&grid, &new.image)?;
+        check_memory(least_bytes(&grid, new))?;
         let speckle = probe || old.effects.speckle != new.effects.speckle;
         let blur = probe || old.effects.blur != new.effects.blur;
         let shadow = probe || old.effects.shadow != new.effects.shadow;
@@ -302,6 +304,31 @@ impl Tables {
         }
     }
 
+    /// What comes out otherwise than the settings ask, for people to read.
+    pub fn warnings(&self) -> Vec<String> {
+        let narrowed = |key: &str, share: f64, finer: &str| {
+            (share < 0.99).then(|| {
+                format!(
+                    "{key} comes out at {:.0} % of what is asked where the grid is finest: a kernel reaches {MAX_REACH} \
+                     {finer} to each side; fewer of them in the probe reach further",
+                    100.0 * share
+                )
+            })
+        };
+        let speckle = self.speckle.as_ref();
+        [
+            speckle.and_then(|speckle| narrowed("effects.speckle.axial_mm", speckle.axial_share, "samples")),
+            speckle
+                .and_then(|speckle| narrowed("effects.speckle.lateral_mm", speckle.lateral.least_share, "scanlines")),
+            self.blur
+                .as_ref()
+                .and_then(|blur| narrowed("effects.blur.width_mm", blur.least_share, "scanlines")),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
     fn warp_items(&self, pick: fn(&WarpCapacities) -> usize) -> u64 {
         self.warp.as_ref().map_or(0, pick) as u64
     }
@@ -345,6 +372,18 @@ impl Tables {
 
 fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthError> {
     Ok(ImageGrid::fit(grid, image.width, image.height, image.margin)?)
+}
+
+/// Bytes that any frame of this size takes: the map of its pixels, and a position and an amplitude a sample.
+fn least_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
+    let pixels = (settings.image.width * settings.image.height) as u64;
+    let planes = settings
+        .effects
+        .thickness
+        .as_ref()
+        .map_or(1, |thickness| u64::from(thickness.planes));
+    let samples = (grid.lines() * grid.samples()) as u64;
+    8 * pixels + 20 * samples * planes
 }
 
 fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {

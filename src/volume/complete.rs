@@ -52,7 +52,8 @@ pub enum Unlabelled {
     /// A body is closed around the labelled anatomy, unless the volume has one already.
     #[default]
     Auto,
-    /// Air: nothing is filled.
+    /// Nothing is filled. What is unlabelled neither echoes nor takes sound, so that a probe off the skin images as
+    /// through gel.
     Air,
     /// Soft tissue, everywhere.
     Tissue,
@@ -141,7 +142,11 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         note: note.to_owned(),
     };
     match options.mode {
-        Unlabelled::Air => return Ok(unchanged("unlabelled voxels are air, as asked")),
+        Unlabelled::Air => {
+            return Ok(unchanged(
+                "unlabelled voxels stay empty, as asked: sound passes them as it passes gel",
+            ));
+        }
         Unlabelled::Tissue => return everywhere(volume),
         Unlabelled::Auto => {}
     }
@@ -194,7 +199,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     let mut note = format!(
         "unlabelled voxels: the labelled anatomy was closed slice by slice and in space ({CLOSING_MM} mm), widened by \
          {WALL_MM} mm and filled as soft tissue ({} voxels), under {} mm of fat ({} voxels) and {skin_mm:.1} mm \
-         of skin ({} voxels); the rest is air",
+         of skin ({} voxels); the rest is empty: sound passes it as it passes gel",
         filled.soft_tissue, options.fat_mm, filled.fat, filled.skin,
     );
     let faces = cut_faces(&volume, outline.slice_axis(), skin);

@@ -154,8 +154,38 @@ pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeE
     for voxel in &mut indexed.voxels {
         *voxel = place[usize::from(*voxel)];
     }
+    warnings.extend(grey_image(&indexed.voxels, grid.size[0], &labels));
     let volume = LabelVolume::new(grid.size, indexed.voxels, labels, grid.index_to_world).map_err(invalid)?;
     Ok(Loaded { volume, warnings })
+}
+
+/// Labels from which on a file may be a grey image.
+const MANY_LABELS: usize = 32;
+
+/// Share of neighbouring voxels in different labels from which on a file is taken for a grey image: segmentations, which are
+/// made of bodies many voxels across, stay far below it.
+const MIXED: f64 = 0.5;
+
+/// A warning where voxels change from one to the next as grey levels do.
+fn grey_image(voxels: &[u8], row: usize, labels: &[Label]) -> Option<String> {
+    if labels.len() <= MANY_LABELS || labels.iter().any(|label| label.name.is_some()) {
+        return None;
+    }
+    let (mut pairs, mut mixed) = (0u64, 0u64);
+    for row in voxels.chunks(row) {
+        for pair in row.windows(2).filter(|pair| pair[0] > 0 && pair[1] > 0) {
+            pairs += 1;
+            mixed += u64::from(pair[0] != pair[1]);
+        }
+    }
+    let share = mixed as f64 / pairs.max(1) as f64;
+    (share > MIXED).then(|| {
+        format!(
+            "{} values, and {:.0} % of neighbouring voxels differ: this looks like a grey image, not like labels",
+            labels.len() - 1,
+            100.0 * share
+        )
+    })
 }
 
 /// A value of its own for each stored label: that of the file, unless a lower layer already has it.
@@ -248,6 +278,20 @@ mod tests {
             "{message}"
         );
         assert!(volume(cube([255, 1, 1], Element::I16), &bytes(&grey[..255])).is_ok());
+    }
+
+    #[test]
+    fn grey_levels_in_no_order_look_like_a_grey_image() {
+        let told = |values: &[i16]| {
+            let loaded = volume(cube([values.len() / 4, 4, 1], Element::I16), &bytes(values)).unwrap();
+            loaded.warnings.iter().any(|warning| warning.contains("grey image"))
+        };
+        let mixed: Vec<i16> = (0..400).map(|at| 1 + at * 37 % 101).collect();
+        assert!(told(&mixed));
+        let bodies: Vec<i16> = (0..400).map(|at| 1 + at / 8).collect();
+        assert!(!told(&bodies), "fifty labels, each of several voxels in a row");
+        let few: Vec<i16> = (0..400).map(|at| 1 + at % 7).collect();
+        assert!(!told(&few));
     }
 
     #[test]

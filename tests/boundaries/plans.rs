@@ -3,7 +3,7 @@
 use insonify::effects::Effects;
 use insonify::effects::pass::Resource::{self, *};
 use insonify::plan::Plan;
-use insonify::synth::tables::{Anatomy, Settings};
+use insonify::synth::tables::{Anatomy, Settings, Tables};
 use insonify::synth::{Backend, Synthesizer};
 
 use crate::shaders::tables;
@@ -420,4 +420,33 @@ fn bands_cover_every_row_once_and_fit_the_limit() {
         }
         assert_eq!(next, 77);
     }
+}
+
+#[test]
+fn lengths_that_a_grid_cannot_have_are_told() {
+    let settings = |samples: u32, axial_mm: f64, blur_mm: f64| {
+        let probe = scene::probe(scene::SHAPES[0].1, 150.0, 128, samples);
+        let mut settings = scene::settings(probe, scene::bare());
+        settings.effects.speckle = Some(insonify::effects::speckle::Speckle {
+            axial_mm,
+            ..Default::default()
+        });
+        settings.effects.blur = Some(insonify::effects::blur::Blur {
+            width_mm: blur_mm,
+            growth_mm_cm: 0.0,
+        });
+        settings
+    };
+    let warnings = |settings| Plan::new(&Tables::new(box_of(PLAIN), settings).expect("tables")).warnings;
+    assert_eq!(warnings(settings(512, 0.8, 0.6)), [""; 0]);
+    let found = warnings(settings(8192, 3.0, 0.6));
+    assert!(
+        found.len() == 1 && found[0].contains("effects.speckle.axial_mm"),
+        "{found:?}"
+    );
+    let found = warnings(settings(512, 0.8, 20.0));
+    assert!(
+        found.len() == 1 && found[0].contains("effects.blur.width_mm"),
+        "{found:?}"
+    );
 }

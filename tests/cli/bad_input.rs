@@ -46,6 +46,10 @@ fn wrong_files_are_status_2_and_named() {
     bench.run("render --labels none.nii.gz").fails(2, &["none.nii.gz"]);
     bench.write("text.nii", "this is no image");
     bench.run("info text.nii").fails(2, &["text.nii", "expected"]);
+    bench
+        .run("render ct.nii.gz")
+        .fails(2, &["ct.nii.gz is an image file", "--labels ct.nii.gz"]);
+    bench.run("inspect scene.toml --at -1,3").fails(2, &["-1,3", "320,240"]);
     bench.write("binary.toml", "version = 1\n");
     std::fs::write(bench.path("binary.toml"), b"version = 1\n\xff\xfe").unwrap();
     bench.run("plan binary.toml").fails(2, &["binary.toml", "byte 12"]);

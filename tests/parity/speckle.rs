@@ -7,6 +7,7 @@ use crate::rounding::{DIVIDE, ROOT, ULP};
 use crate::scenes;
 use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
+use crate::warp;
 
 /// A scatterer is a complex number whose parts are uniform in +-sqrt(6) / 2: its modulus is at most sqrt(3).
 const SCATTERER: f64 = 1.732_050_807_568_877_2;
@@ -40,6 +41,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let over = own.oversampling;
     let planes: f64 = own.planes.iter().map(|weight| weight.abs()).sum();
     let reach_mm = own.plane_mm * (own.planes.len() as f64 - 1.0) / 2.0;
+    let outermost = step.state.probe_to_world.fixed_view::<3, 1>(0, 2) * reach_mm;
     // Bound and size of the echo at each fine scanline and sample.
     let mut echoes = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
@@ -49,6 +51,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         for sample in 0..samples {
             let (a, b) = (line * samples + sample, next * samples + sample);
             let (pa, pb) = (step.before.position[a], step.before.position[b]);
+            let carried = warp::vector_slack(step, nearest * samples + sample, outermost);
             let steps: f64 = (0..3)
                 .map(|axis| {
                     let torn = if slack.torn[a] || slack.torn[b] {
@@ -60,7 +63,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     };
                     let given = slack.position[a][axis].max(slack.position[b][axis]).max(torn);
                     let size = pa[axis].abs().max(pb[axis].abs()) + reach_mm;
-                    (given + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs()) / own.lattice_mm
+                    (given + carried[axis] + POSITION * ULP * size + MIX * (pb[axis] - pa[axis]).abs()) / own.lattice_mm
                 })
                 .sum();
             let value = planes * (SLOPE * steps + LOUDEST * (INTERPOLATION + (1.5 + own.planes.len() as f64) * ULP));
@@ -159,6 +162,14 @@ fn speckle_on_every_probe_shape() {
         })
         .collect();
     check_all("speckle", &cases);
+}
+
+#[test]
+fn speckle_of_pressed_tissue() {
+    let (anatomy, state) = scenes::pressed();
+    let mut settings = scene::settings(scene::small_probe(), scene::bare());
+    settings.effects.speckle = Some(Speckle::default());
+    check_all("speckle of a mesh", &[Case::new("pressed", anatomy, settings, state)]);
 }
 
 #[test]

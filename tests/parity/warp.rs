@@ -20,6 +20,30 @@ const TERM: f64 = 4.5;
 const COORDINATE: f64 = 2.0 * 16.0;
 const POINT: f64 = 2.0 * 2.0;
 
+/// Bound on each coordinate of a vector (mm, world) that the element of a sample carries to the reference state: what a twin
+/// in another element makes of it, and the rounding of the map.
+pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
+    let Some(mesh) = step.tables.anatomy.mesh.as_deref() else {
+        return [0.0; 3];
+    };
+    let nodes = current(step, mesh);
+    let [exact, twin] = [step.before, step.twin].map(|beam| {
+        let element = beam.element[index];
+        (element != NONE).then(|| Tetrahedron::new(mesh, nodes, element))
+    });
+    let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
+    let apart = carried(&exact) - carried(&twin);
+    std::array::from_fn(|row| {
+        let rounding = twin.as_ref().map_or(0.0, |element| {
+            // Nodes are stored in single precision: each edge is off by ULP times the largest coordinate at most, and the
+            // map by itself times that over the least height. Then gradient stored (1/2), product (1), two sums (2).
+            let stored = 3.0 * 3f64.sqrt() * ULP * element.largest / element.least_height;
+            (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
+        });
+        apart[row].abs() + rounding
+    })
+}
+
 /// One tetrahedron in its two states.
 struct Tetrahedron {
     corner: Vector3<f64>,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::Speckle;
 use super::elevation::Elevation;
 use super::power::{lattice_correlation, power, restored, unit_power};
-use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH, gaussian};
+use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
 use crate::real::Numbers;
 use crate::tracking::probe::BeamGrid;
 
@@ -22,6 +22,8 @@ pub struct SpeckleTables {
     pub planes: Vec<f64>,
     /// Weights along the beam.
     pub axial: Numbers,
+    /// Share of the axial length asked that the point spread has: below 1 where its kernel would reach too far.
+    pub axial_share: f64,
     /// Per sample: factor that makes up for what the axial kernel finds nothing to weigh, near the ends of a scanline.
     pub ends: Numbers,
     /// Weights across fine scanlines.
@@ -40,9 +42,6 @@ pub(super) const MAX_PLANES: usize = 8;
 
 /// Most fine scanlines to a scanline.
 const MAX_OVERSAMPLING: usize = 4;
-
-/// Widest axial kernel to each side, in samples.
-const MAX_AXIAL_REACH: usize = 64;
 
 /// Scanlines further apart than this many lattice distances are refined.
 const COARSEST: f64 = 1.4;
@@ -64,8 +63,9 @@ impl SpeckleTables {
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let axial_sigma = left(speckle.axial_mm) / sample_mm;
-        let axial_reach = ((3.0 * axial_sigma).ceil() as usize).min(MAX_AXIAL_REACH);
+        let asked = left(speckle.axial_mm) / sample_mm;
+        let axial_sigma = asked.min(MAX_SIGMA);
+        let axial_reach = (3.0 * axial_sigma).ceil() as usize;
         let along = |steps: f64| correlation(steps * sample_mm);
         let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
         let ends = (0..grid.samples())
@@ -82,11 +82,8 @@ impl SpeckleTables {
         };
         let fine_mm =
             |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
-        let sigma = |sample: usize| {
-            let asked = left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm()));
-            // A kernel cut short at its widest reach keeps a Gaussian's shape if its width stays below a third of it.
-            (asked / fine_mm(sample)).min(MAX_REACH as f64 / 3.0)
-        };
+        let sigma =
+            |sample: usize| left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm())) / fine_mm(sample);
         let scale =
             |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
         let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
@@ -107,6 +104,7 @@ impl SpeckleTables {
             plane_mm,
             planes,
             axial: Numbers::new(axial),
+            axial_share: if asked > axial_sigma { axial_sigma / asked } else { 1.0 },
             ends: Numbers::new(ends),
             lateral,
             edges: Numbers::new(edges),

@@ -5,7 +5,6 @@
 //! blocks beside the result. Against LAPACK's dense factorisation and inversion this does less work (four operations an
 //! entry of L and a column, instead of one an entry of the dense triangle), and it never holds a second dense matrix.
 
-mod memory;
 #[cfg(test)]
 mod tests;
 
@@ -18,6 +17,7 @@ use super::assembly::Stiffness;
 use super::compliance::{Compliance, ComplianceError};
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
+use crate::memory;
 
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;

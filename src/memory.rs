@@ -1,4 +1,4 @@
-//! How much memory can be had.
+//! How much memory the machine has to spare.
 
 /// Bytes of memory that can be had without swapping, where the system says so (`MemAvailable` of Linux).
 pub fn available() -> Option<usize> {
