@@ -5,6 +5,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
+//! | [`document`] | TOML files that a user writes, and errors that point into them |
 //! | [`scene`] | what a user writes, validated: every effect is optional |
 //! | [`volume`] | labelled volumes, solid textures and their file formats |
 //! | [`phantom`] | labelled volumes made from code |
@@ -24,6 +25,7 @@
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
+pub mod document;
 pub mod effects;
 pub mod error;
 pub mod gpu;

@@ -23,7 +23,6 @@ mod file;
 mod motion;
 mod paths;
 mod resolve;
-mod source;
 mod suggest;
 mod target;
 mod timeline;
@@ -38,8 +37,8 @@ pub use file::{ImageSpec, PoseTable, SceneFile, TextureSpec, VERSION, VolumeSpec
 pub use paths::{
     BendingSpec, MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec,
 };
-pub use source::Source;
 
+use crate::document;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::needle::NeedlePose;
@@ -194,18 +193,16 @@ impl SceneFile {
     /// # Errors
     /// [`SceneError`] for a file that cannot be read or is no scene.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        let bytes = std::fs::read(path).map_err(|cause| {
-            SceneError::new(Problem::Read {
-                path: path.to_owned(),
-                cause,
-            })
-        })?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            SceneError::new(Problem::NotText {
-                path: path.to_owned(),
-                byte: error.utf8_error().valid_up_to(),
-            })
-        })?;
-        Self::parse(&text, &path.display().to_string())
+        Self::parse(&document::read(path)?, &path.display().to_string())
+    }
+
+    /// Parses the text of a scene file; `name` names it in errors.
+    ///
+    /// # Errors
+    /// [`SceneError`] that points at what is no TOML, at a key that no scene has, or at a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
+        let (mut file, source): (Self, _) = document::parse(text, name, suggest::home_of)?;
+        file.source = Some(source);
+        Ok(file)
     }
 }

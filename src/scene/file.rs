@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
 use super::paths::{MotionSpec, NeedleTable};
-use super::source::Source;
+use crate::document::Source;
 use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::tissue::{Preset, TissueOverride};

@@ -9,9 +9,9 @@ use super::check::Framing;
 use super::error::{At, Problem, SceneError};
 use super::file::{ImageSpec, PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
-use super::suggest;
 use super::target::Body;
 use super::timeline::Timeline;
+use crate::document::nearest;
 use crate::phantom::{self, PhantomOptions};
 use crate::synth::tables::{Anatomy, Settings};
 use crate::tissue::{TissueError, TissueTable, bank};
@@ -202,8 +202,7 @@ impl SceneFile {
             if let Some(name) = &tissue.texture
                 && !known.contains(&name.as_str())
             {
-                let help =
-                    suggest::nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
+                let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
                 let found = name.clone();
                 let expected = format!("one of {}", known.join(", "));
                 let error = self.fault(format!("tissue[{at}].texture"), Problem::Name { found, expected });

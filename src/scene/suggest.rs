@@ -1,57 +1,13 @@
-//! What a misspelt word of a scene file may have meant.
+//! Where a key belongs that a scene file has elsewhere.
 
 use std::sync::OnceLock;
 
 use serde_json::Value;
 
-/// Least similarity (Jaro-Winkler, 0 to 1) at which a word is suggested: letters swapped, one wrong or an ending left out.
-const SIMILAR: f64 = 0.8;
-
-/// The candidate most like a word, if any is.
-pub(super) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    // Similarity takes the product of the lengths: no key is as long as what a broken file may hold.
-    let short: String = word.chars().take(60).collect();
-    let scored = candidates
-        .into_iter()
-        .map(|candidate| (strsim::jaro_winkler(&short.to_lowercase(), candidate), candidate));
-    scored
-        .filter(|(score, _)| *score >= SIMILAR)
-        .reduce(|best, next| if next.0 > best.0 { next } else { best })
-        .map(|(_, candidate)| candidate)
-}
-
-/// The key and the known ones of serde's message about an unknown field.
-pub(super) fn unknown_field(message: &str) -> Option<(String, Vec<String>)> {
-    unknown(message, "unknown field `")
-}
-
-/// A suggestion for serde's message about an unknown variant.
-pub(super) fn unknown_variant(message: &str) -> Option<String> {
-    let (found, known) = unknown(message, "unknown variant `")?;
-    nearest(&found, known.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"))
-}
-
-fn unknown(message: &str, start: &str) -> Option<(String, Vec<String>)> {
-    let rest = message.strip_prefix(start)?;
-    let end = rest.find("`, ")?;
-    let known = rest[end + 3..]
-        .split('`')
-        .skip(1)
-        .step_by(2)
-        .map(str::to_owned)
-        .collect();
-    Some((rest[..end].to_owned(), known))
-}
-
-/// Help for an unknown key: a similar one beside it, or the table that has one of that name, or all that are known.
-pub(super) fn for_key(key: &str, known: &[String]) -> Option<String> {
-    let similar = nearest(key, known.iter().map(String::as_str)).map(|meant| format!("did you mean `{meant}`?"));
-    let elsewhere = || {
-        let tables = tables_with(key);
-        (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
-    };
-    let all = || (!known.is_empty()).then(|| format!("known here: {}", known.join(", ")));
-    similar.or_else(elsewhere).or_else(all)
+/// The tables of a scene that have a key of that name, in words.
+pub(super) fn home_of(key: &str) -> Option<String> {
+    let tables = tables_with(key);
+    (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
 }
 
 /// The tables of a scene that have a key of that name, as their headers.
@@ -110,32 +66,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slips_are_recognised_and_strangers_are_not() {
-        let keys = ["depth_mm", "width_mm", "frequency_mhz"];
-        assert_eq!(nearest("depht_mm", keys), Some("depth_mm"));
-        assert_eq!(nearest("frequency", keys), Some("frequency_mhz"));
-        assert_eq!(nearest("Width_mm", keys), Some("width_mm"));
-        assert_eq!(nearest("colour", keys), None);
-    }
-
-    #[test]
-    fn messages_of_serde_are_understood() {
-        let found = unknown_field("unknown field `a`, expected one of `b`, `c`, `d`");
-        assert_eq!(found, Some(("a".into(), vec!["b".into(), "c".into(), "d".into()])));
-        assert_eq!(
-            unknown_field("unknown field `a`, expected `b` or `c`").map(|f| f.1.len()),
-            Some(2)
-        );
-        assert_eq!(unknown_field("missing field `a`"), None);
-    }
-
-    #[test]
     fn a_key_in_the_wrong_table_is_sent_home() {
         assert_eq!(
-            for_key("frequency_mhz", &["width".into()]).as_deref(),
+            home_of("frequency_mhz").as_deref(),
             Some("`frequency_mhz` belongs in [probe]")
         );
         assert_eq!(tables_with("dynamic_range_db"), ["[effects.tone]"]);
         assert_eq!(tables_with("young_kpa"), ["[[tissue]]"]);
+        assert_eq!(home_of("frobnicate"), None);
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::error::{Problem, SceneError};
 use super::file::SceneFile;
-use super::suggest;
+use crate::document::nearest;
 use crate::phantom;
 use crate::tissue::{TissueTable, totalsegmentator};
 use crate::tracking::matrix::Rows;
@@ -69,7 +69,7 @@ impl SceneFile {
         let label = match &table.target {
             Some(target) => body.named(target).ok_or_else(|| {
                 let names = body.names();
-                let help = suggest::nearest(target, names.iter().map(String::as_str));
+                let help = nearest(target, names.iter().map(String::as_str));
                 let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
                 let expected = format!("one of {}", names.join(", "));
                 let found = target.clone();

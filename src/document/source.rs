@@ -1,17 +1,11 @@
-//! The text of a scene file, and where in it a key stands.
+//! The text of a file, and where in it a key stands.
 
 use std::ops::Range;
-use std::sync::Arc;
 
-use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::error::{Problem, SceneError};
-use super::file::SceneFile;
-use super::suggest;
-
-/// The text of a scene file and the name that errors give it.
+/// The text of a file and the name that errors give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     name: String,
@@ -19,6 +13,13 @@ pub struct Source {
 }
 
 impl Source {
+    pub(super) fn new(name: &str, text: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            text: text.to_owned(),
+        }
+    }
+
     /// The file's name as errors show it.
     pub fn name(&self) -> &str {
         &self.name
@@ -64,7 +65,7 @@ impl Source {
 
     /// Where a key of that name stands in the table that an error points at; a tagged table is pointed at as a whole, by its
     /// header or its braces.
-    fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
+    pub(super) fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
         fn search(value: &Spanned<DeValue<'_>>, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
             match value.get_ref() {
                 DeValue::Table(inner) if value.span() == *table => {
@@ -80,39 +81,6 @@ impl Source {
     }
 }
 
-impl SceneFile {
-    /// Parses the text of a scene file; `name` names it in errors.
-    ///
-    /// # Errors
-    /// [`SceneError`] that points at what is no TOML, at a key that no scene has, or at a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
-        let source = Arc::new(Source {
-            name: name.to_owned(),
-            text: text.to_owned(),
-        });
-        let parsed = toml::Deserializer::parse(text).and_then(Self::deserialize);
-        let mut file = parsed.map_err(|error| unreadable(&source, &error))?;
-        file.source = Some(source);
-        Ok(file)
-    }
-}
-
-fn unreadable(source: &Arc<Source>, error: &toml::de::Error) -> SceneError {
-    let message = error.message();
-    let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
-    let Some((key, known)) = suggest::unknown_field(message) else {
-        let help = suggest::unknown_variant(message);
-        return SceneError::new(Problem::Syntax(message.trim_end().replace('\n', "; ")))
-            .in_text(source, span)
-            .with_help(help);
-    };
-    let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
-    let help = suggest::for_key(&key, &known);
-    SceneError::new(Problem::UnknownKey { key, known })
-        .in_text(source, place)
-        .with_help(help)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,11 +88,7 @@ mod tests {
     const TEXT: &str = "seed = 4\n[effects.tone]\ngain_db = 3 # loud\ntgc_points = [[0, 1], [2, 30]]\n\n[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"b\"\n";
 
     fn shown(path: &str) -> Option<&'static str> {
-        let source = Source {
-            name: "x".into(),
-            text: TEXT.into(),
-        };
-        source.find(path).map(|span| &TEXT[span])
+        Source::new("x", TEXT).find(path).map(|span| &TEXT[span])
     }
 
     #[test]

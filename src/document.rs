@@ -1,0 +1,110 @@
+//! TOML files that a user writes: their text, errors that point into it, and what a slip may have meant.
+
+mod fault;
+mod source;
+mod suggest;
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+
+pub use fault::Fault;
+pub use source::Source;
+pub(crate) use suggest::nearest;
+
+/// Why a file does not even say what it should.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// It cannot be read.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
+    /// It is not text.
+    #[error("{}: byte {byte} is not UTF-8 text", path.display())]
+    NotText {
+        /// The file.
+        path: PathBuf,
+        /// The first byte that is no text, from 0.
+        byte: usize,
+    },
+    /// Not TOML, or a value of the wrong type.
+    #[error("{0}")]
+    Syntax(String),
+    /// A key that is not known there.
+    #[error("unknown key `{key}`")]
+    UnknownKey {
+        /// The key.
+        key: String,
+        /// The keys known in its table.
+        known: Vec<String>,
+    },
+}
+
+impl Unreadable {
+    /// Whether the machine failed rather than the file: it is there and cannot be read.
+    pub fn is_machine(&self) -> bool {
+        match self {
+            Self::Read { cause, .. } => !matches!(
+                cause.kind(),
+                io::ErrorKind::NotFound
+                    | io::ErrorKind::PermissionDenied
+                    | io::ErrorKind::IsADirectory
+                    | io::ErrorKind::NotADirectory
+                    | io::ErrorKind::InvalidInput
+                    | io::ErrorKind::InvalidFilename
+            ),
+            _ => false,
+        }
+    }
+}
+
+/// The text of a file.
+pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>> {
+    let path = || path.to_owned();
+    let bytes = std::fs::read(path()).map_err(|cause| Fault::new(Unreadable::Read { path: path(), cause }))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let byte = error.utf8_error().valid_up_to();
+        Fault::new(Unreadable::NotText { path: path(), byte })
+    })
+}
+
+/// What a text says, and the text kept for errors that point into it; `name` names it in them. `elsewhere` may know where a
+/// key belongs that is unknown in its table.
+pub(crate) fn parse<T: DeserializeOwned, P: From<Unreadable>>(
+    text: &str,
+    name: &str,
+    elsewhere: impl Fn(&str) -> Option<String>,
+) -> Result<(T, Arc<Source>), Fault<P>> {
+    let source = Arc::new(Source::new(name, text));
+    let parsed = toml::Deserializer::parse(text).and_then(T::deserialize);
+    match parsed {
+        Ok(parsed) => Ok((parsed, source)),
+        Err(error) => Err(unreadable(&source, &error, elsewhere)),
+    }
+}
+
+fn unreadable<P: From<Unreadable>>(
+    source: &Arc<Source>,
+    error: &toml::de::Error,
+    elsewhere: impl Fn(&str) -> Option<String>,
+) -> Fault<P> {
+    let message = error.message();
+    let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
+    let Some((key, known)) = suggest::unknown_field(message) else {
+        let help = suggest::unknown_variant(message);
+        return Fault::new(Unreadable::Syntax(message.trim_end().replace('\n', "; ")))
+            .in_text(source, span)
+            .with_help(help);
+    };
+    let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
+    let help = suggest::for_key(&key, &known, elsewhere);
+    Fault::new(Unreadable::UnknownKey { key, known })
+        .in_text(source, place)
+        .with_help(help)
+}
