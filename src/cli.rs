@@ -14,6 +14,7 @@ mod plan;
 mod render;
 mod scene;
 mod schema;
+mod solve;
 mod terminal;
 
 use std::process::ExitCode;
@@ -31,6 +32,7 @@ Examples:
   insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
+  insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify doctor                                  what this machine can render on
 
 Exit status: 0 done; 2 wrong arguments, files or scenes; 1 what the machine could not do.
@@ -51,6 +53,7 @@ enum Command {
     Inspect(inspect::Inspect),
     Bench(bench::Bench),
     Info(info::Info),
+    Solve(solve::Solve),
     Phantom(phantom::Phantom),
     Mesh(mesh::Mesh),
     Scene(scene::Scene),
@@ -68,6 +71,7 @@ impl Cli {
             Command::Inspect(inspect) => inspect.run(),
             Command::Bench(bench) => bench.run(),
             Command::Info(info) => info.run(),
+            Command::Solve(solve) => solve.run(),
             Command::Phantom(phantom) => phantom.run(),
             Command::Mesh(mesh) => mesh.run(),
             Command::Scene(scene) => scene.run(),

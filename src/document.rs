@@ -1,6 +1,7 @@
 //! TOML files that a user writes: their text, errors that point into it, and what a slip may have meant.
 
 mod fault;
+mod home;
 mod source;
 mod suggest;
 
@@ -8,6 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 
 pub use fault::Fault;
@@ -74,26 +76,19 @@ pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>>
     })
 }
 
-/// What a text says, and the text kept for errors that point into it; `name` names it in them. `elsewhere` may know where a
-/// key belongs that is unknown in its table.
-pub(crate) fn parse<T: DeserializeOwned, P: From<Unreadable>>(
+/// What a text says, and the text kept for errors that point into it; `name` names it in them.
+pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<Unreadable>>(
     text: &str,
     name: &str,
-    elsewhere: impl Fn(&str) -> Option<String>,
 ) -> Result<(T, Arc<Source>), Fault<P>> {
     let source = Arc::new(Source::new(name, text));
-    let parsed = toml::Deserializer::parse(text).and_then(T::deserialize);
-    match parsed {
+    match toml::Deserializer::parse(text).and_then(T::deserialize) {
         Ok(parsed) => Ok((parsed, source)),
-        Err(error) => Err(unreadable(&source, &error, elsewhere)),
+        Err(error) => Err(unreadable::<T, P>(&source, &error)),
     }
 }
 
-fn unreadable<P: From<Unreadable>>(
-    source: &Arc<Source>,
-    error: &toml::de::Error,
-    elsewhere: impl Fn(&str) -> Option<String>,
-) -> Fault<P> {
+fn unreadable<T: JsonSchema, P: From<Unreadable>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
     let message = error.message();
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
     let Some((key, known)) = suggest::unknown_field(message) else {
@@ -103,7 +98,7 @@ fn unreadable<P: From<Unreadable>>(
             .with_help(help);
     };
     let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
-    let help = suggest::for_key(&key, &known, elsewhere);
+    let help = suggest::for_key(&key, &known, || home::home_of::<T>(&key));
     Fault::new(Unreadable::UnknownKey { key, known })
         .in_text(source, place)
         .with_help(help)

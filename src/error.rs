@@ -12,6 +12,7 @@ use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;
 use crate::phantom::PhantomError;
 use crate::scene::SceneError;
+use crate::statics::StaticsError;
 use crate::synth::SynthError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
@@ -22,6 +23,9 @@ pub enum Error {
     /// A scene cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A static problem cannot be solved.
+    #[error(transparent)]
+    Statics(#[from] StaticsError),
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
@@ -64,6 +68,7 @@ impl Error {
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Scene(error) => error.is_machine(),
+            Self::Statics(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -85,6 +90,7 @@ impl Diagnostic for Error {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         match self {
             Self::Scene(error) => error.help(),
+            Self::Statics(error) => error.help(),
             _ => None,
         }
     }
@@ -92,6 +98,7 @@ impl Diagnostic for Error {
     fn source_code(&self) -> Option<&dyn SourceCode> {
         match self {
             Self::Scene(error) => error.source_code(),
+            Self::Statics(error) => error.source_code(),
             _ => None,
         }
     }
@@ -99,6 +106,7 @@ impl Diagnostic for Error {
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         match self {
             Self::Scene(error) => error.labels(),
+            Self::Statics(error) => error.labels(),
             _ => None,
         }
     }

@@ -15,7 +15,8 @@
 //! | [`plan`] | scene to passes and resources, each with its reason |
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
-//! | [`mechanics`] | tetrahedral meshes and point location |
+//! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
+//! | [`statics`] | static problems as a user writes them |
 //! | [`study`] | benchmarks, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
@@ -38,6 +39,7 @@ pub mod random;
 pub mod real;
 pub mod scene;
 mod simd;
+pub mod statics;
 pub mod study;
 pub mod synth;
 pub mod tissue;

@@ -23,7 +23,6 @@ mod file;
 mod motion;
 mod paths;
 mod resolve;
-mod suggest;
 mod target;
 mod timeline;
 
@@ -201,7 +200,7 @@ impl SceneFile {
     /// # Errors
     /// [`SceneError`] that points at what is no TOML, at a key that no scene has, or at a value of the wrong type.
     pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
-        let (mut file, source): (Self, _) = document::parse(text, name, suggest::home_of)?;
+        let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);
         Ok(file)
     }

@@ -13,6 +13,7 @@ use insonify::output::png::PngError;
 use insonify::output::sequence::SequenceError;
 use insonify::phantom::PhantomError;
 use insonify::scene::SceneError;
+use insonify::statics::StaticsError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
 use insonify::volume::complete::CompletionError;
@@ -107,6 +108,7 @@ from_library!(
     PngError,
     SceneError,
     SequenceError,
+    StaticsError,
     SynthError,
     VolumeError,
     WriteError

@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use insonify::output::sidecar::Sidecar;
+use insonify::statics::ProblemFile;
 use schemars::schema_for;
 
 use super::failure::Failure;
@@ -19,6 +20,8 @@ pub struct Schema {
 enum Of {
     /// A scene file
     Scene,
+    /// A problem file that `solve` reads
+    Problem,
     /// The sidecar of a frame that `render --sidecar` writes
     Sidecar,
 }
@@ -27,6 +30,7 @@ impl Schema {
     pub fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify::scene::schema(),
+            Of::Problem => schema_for!(ProblemFile).to_value(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

@@ -40,10 +40,10 @@ fn unknown(message: &str, start: &str) -> Option<(String, Vec<String>)> {
 }
 
 /// Help for an unknown key: a similar one beside it, or where one of that name belongs, or all that are known.
-pub(super) fn for_key(key: &str, known: &[String], elsewhere: impl Fn(&str) -> Option<String>) -> Option<String> {
+pub(super) fn for_key(key: &str, known: &[String], home: impl FnOnce() -> Option<String>) -> Option<String> {
     let similar = nearest(key, known.iter().map(String::as_str)).map(|meant| format!("did you mean `{meant}`?"));
     let all = || (!known.is_empty()).then(|| format!("known here: {}", known.join(", ")));
-    similar.or_else(|| elsewhere(key)).or_else(all)
+    similar.or_else(home).or_else(all)
 }
 
 #[cfg(test)]
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn an_unknown_key_is_corrected_or_sent_home_or_told_what_is_known() {
-        let help = |key, elsewhere: Option<&str>| for_key(key, &["width".into()], |_| elsewhere.map(str::to_owned));
+        let help = |key, home: Option<&str>| for_key(key, &["width".into()], || home.map(str::to_owned));
         assert_eq!(help("widht", Some("there")).as_deref(), Some("did you mean `width`?"));
         assert_eq!(help("depth", Some("there")).as_deref(), Some("there"));
         assert_eq!(help("depth", None).as_deref(), Some("known here: width"));

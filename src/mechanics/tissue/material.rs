@@ -33,6 +33,16 @@ pub enum InvalidMaterial {
     },
 }
 
+impl InvalidMaterial {
+    /// The key of the number that is wrong.
+    pub fn key(&self) -> &'static str {
+        match self {
+            InvalidMaterial::Young { .. } => "young_kpa",
+            InvalidMaterial::Poisson { .. } => "poisson",
+        }
+    }
+}
+
 impl Material {
     /// A material of Young's modulus `young_kpa` (above 0, kPa) and Poisson's ratio `poisson` (above -1, below 0.5).
     ///

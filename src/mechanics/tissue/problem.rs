@@ -139,6 +139,13 @@ pub enum SolveError {
     Overflow,
 }
 
+impl SolveError {
+    /// Whether memory ran out, rather than the problem being wrong.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, SolveError::Factor(FactorError::Memory { .. }))
+    }
+}
+
 impl StaticProblem<'_> {
     /// Checks and solves the problem.
     ///

@@ -1,25 +1,17 @@
-//! Where a key belongs that a scene file has elsewhere.
+//! Where a key belongs that stands in the wrong table.
 
-use std::sync::OnceLock;
-
+use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::Value;
 
-/// The tables of a scene that have a key of that name, in words.
-pub(super) fn home_of(key: &str) -> Option<String> {
-    let tables = tables_with(key);
+/// The tables of a file of that type that have a key of that name, in words.
+pub fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
+    let schema = SchemaGenerator::default().into_root_schema_for::<T>().to_value();
+    let mut tables = Vec::new();
+    collect(&schema, &schema, [""; 2], key, 0, &mut tables);
     (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
 }
 
-/// The tables of a scene that have a key of that name, as their headers.
-fn tables_with(key: &str) -> Vec<String> {
-    static SCHEMA: OnceLock<Value> = OnceLock::new();
-    let schema = SCHEMA.get_or_init(super::schema);
-    let mut found = Vec::new();
-    collect(schema, schema, [""; 2], key, 0, &mut found);
-    found
-}
-
-/// How deep tables lie within tables in a scene.
+/// How deep tables lie within tables.
 const DEEPEST: usize = 3;
 
 fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, found: &mut Vec<String>) {
@@ -64,15 +56,14 @@ fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, dep
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::SceneFile;
 
     #[test]
     fn a_key_in_the_wrong_table_is_sent_home() {
-        assert_eq!(
-            home_of("frequency_mhz").as_deref(),
-            Some("`frequency_mhz` belongs in [probe]")
-        );
-        assert_eq!(tables_with("dynamic_range_db"), ["[effects.tone]"]);
-        assert_eq!(tables_with("young_kpa"), ["[[tissue]]"]);
-        assert_eq!(home_of("frobnicate"), None);
+        let home = |key| home_of::<SceneFile>(key).unwrap_or_default();
+        assert_eq!(home("frequency_mhz"), "`frequency_mhz` belongs in [probe]");
+        assert_eq!(home("dynamic_range_db"), "`dynamic_range_db` belongs in [effects.tone]");
+        assert_eq!(home("young_kpa"), "`young_kpa` belongs in [[tissue]]");
+        assert_eq!(home("frobnicate"), "");
     }
 }

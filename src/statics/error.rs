@@ -1,0 +1,84 @@
+//! What can be wrong with a problem file.
+
+use super::file::ProblemFile;
+use crate::document::{Fault, Unreadable};
+use crate::mechanics::mesh::file::MeshFileError;
+use crate::mechanics::tissue::material::{InvalidMaterial, MaterialsError};
+use crate::mechanics::tissue::problem::SolveError;
+
+/// Why a static problem cannot be solved: what is wrong, the key that it is about and where that stands in the file.
+pub type StaticsError = Fault<Wrong>;
+
+/// What is wrong with a static problem.
+#[derive(Debug, thiserror::Error)]
+pub enum Wrong {
+    /// The file cannot be read, or says what no problem says.
+    #[error(transparent)]
+    Text(#[from] Unreadable),
+    /// The mesh cannot be read.
+    #[error(transparent)]
+    Mesh(#[from] MeshFileError),
+    /// A material is none.
+    #[error(transparent)]
+    Material(#[from] InvalidMaterial),
+    /// Two materials for the same region, or for all others.
+    #[error(transparent)]
+    Materials(#[from] MaterialsError),
+    /// A node that the mesh does not have.
+    #[error("found node {found}; the mesh has {nodes} nodes, numbered from 0")]
+    Node {
+        /// The number.
+        found: i64,
+        /// How many there are.
+        nodes: usize,
+    },
+    /// A number that is none.
+    #[error("found {found}; expected {expected}")]
+    Number {
+        /// The number.
+        found: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+    /// Keys that contradict each other, or do not say enough.
+    #[error("found {found}; expected {expected}")]
+    Keys {
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: String,
+    },
+    /// The problem has no solution.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+}
+
+impl StaticsError {
+    /// Whether the machine failed rather than the input.
+    pub fn is_machine(&self) -> bool {
+        match self.problem() {
+            Wrong::Text(error) => error.is_machine(),
+            Wrong::Mesh(error) => error.is_machine(),
+            Wrong::Solve(error) => error.is_machine(),
+            _ => false,
+        }
+    }
+}
+
+impl ProblemFile {
+    /// An error about a key of this file.
+    pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> StaticsError {
+        StaticsError::new(wrong).at_key(key, self.source.as_ref())
+    }
+
+    /// As [`ProblemFile::fault`], for keys that contradict each other or do not say enough.
+    pub(super) fn wrong_keys(
+        &self,
+        key: String,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> StaticsError {
+        let (found, expected) = (found.into(), expected.into());
+        self.fault(key, Wrong::Keys { found, expected })
+    }
+}

@@ -1,0 +1,104 @@
+//! What is told of a solution.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Serialize;
+
+use super::resolve::Problem;
+use crate::mechanics::tissue::problem::Solution;
+
+/// The figures of a solved problem, as `insonify solve --json` prints them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of tetrahedra.
+    pub elements: usize,
+    /// Normwise backward error of the solution.
+    pub residual: f64,
+    /// Displacements of the nodes asked for, in that order, mm.
+    pub displacement_mm: Vec<[f64; 3]>,
+    /// Length of the longest displacement of all nodes, mm.
+    pub max_displacement_mm: f64,
+    /// Wall-clock time by phase, and in all.
+    pub seconds: BTreeMap<&'static str, f64>,
+    /// What is odd about the problem.
+    pub warnings: Vec<String>,
+    /// Numbers of the nodes asked for.
+    #[serde(skip)]
+    report_nodes: Vec<u32>,
+    /// The node that moves farthest.
+    #[serde(skip)]
+    farthest: usize,
+    /// Sum of all reactions, N.
+    #[serde(skip)]
+    reaction_n: [f64; 3],
+}
+
+impl Report {
+    /// The figures of a problem and its solution.
+    ///
+    /// # Panics
+    /// If the solution is that of another mesh.
+    pub fn new(problem: &Problem, solution: &Solution) -> Report {
+        let length = |u: &[f64; 3]| u.iter().fold(0.0, |a: f64, x| a.hypot(*x));
+        let lengths = solution.displacement_mm.iter().map(length).enumerate();
+        let (farthest, max) = lengths.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
+        let mut reaction_n = [0.0; 3];
+        for reaction in &solution.reactions {
+            reaction_n[reaction.axis as usize] += reaction.force_n;
+        }
+        let phases = &solution.seconds;
+        let phases = [
+            ("read", problem.read_seconds()),
+            ("check", phases.check),
+            ("assembly", phases.assembly),
+            ("factor", phases.factor),
+            ("solve", phases.solve),
+        ];
+        let total = phases.iter().map(|(_, seconds)| seconds).sum();
+        let displacement = |node: &u32| solution.displacement_mm[*node as usize];
+        Report {
+            nodes: problem.mesh().nodes().len(),
+            elements: problem.mesh().elements().len(),
+            residual: solution.residual,
+            displacement_mm: problem.report_nodes().iter().map(displacement).collect(),
+            max_displacement_mm: max,
+            seconds: phases.into_iter().chain([("total", total)]).collect(),
+            warnings: problem.warnings().to_vec(),
+            report_nodes: problem.report_nodes().to_vec(),
+            farthest,
+            reaction_n,
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "mesh         {} nodes, {} tetrahedra", self.nodes, self.elements)?;
+        writeln!(f, "residual     {:.1e} (normwise backward error)", self.residual)?;
+        writeln!(
+            f,
+            "farthest     {:.6} mm, node {}",
+            self.max_displacement_mm, self.farthest
+        )?;
+        let [x, y, z] = self.reaction_n.map(rounded);
+        writeln!(f, "reactions    {x:.6}, {y:.6}, {z:.6} N in all along x, y, z")?;
+        if !self.report_nodes.is_empty() {
+            writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "node", "x mm", "y mm", "z mm")?;
+            for (node, displacement) in self.report_nodes.iter().zip(&self.displacement_mm) {
+                let [x, y, z] = displacement.map(rounded);
+                writeln!(f, "{node:>10} {x:>14.6} {y:>14.6} {z:>14.6}")?;
+            }
+        }
+        let phases = ["read", "check", "assembly", "factor", "solve", "total"].iter();
+        let phases = phases.filter_map(|name| Some(format!("{name} {:.1}", 1e3 * self.seconds.get(name)?)));
+        write!(f, "\nmilliseconds {}", phases.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// Rounded to the decimals that are shown, so that nothing shows as a negative zero.
+fn rounded(x: f64) -> f64 {
+    (x * 1e6).round() / 1e6 + 0.0
+}

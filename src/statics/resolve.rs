@@ -1,0 +1,220 @@
+//! From a problem file to a problem, and to its solution.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::error::{StaticsError, Wrong};
+use super::file::{FixSpec, ProblemFile};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
+use crate::mechanics::tissue::material::{Material, Materials, MaterialsError};
+use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
+
+/// A static problem whose mesh is read and whose nodes are picked.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    file: ProblemFile,
+    mesh: TetMesh,
+    materials: Materials,
+    fixes: Vec<Fix>,
+    loads: Vec<Load>,
+    /// The `[[fix]]` that each of the fixes stands in.
+    tables: Vec<usize>,
+    report_nodes: Vec<u32>,
+    /// What is odd, though it can be solved.
+    warnings: Vec<String>,
+    read_seconds: f64,
+}
+
+impl ProblemFile {
+    /// Reads the mesh, picks the nodes and checks every number. Relative paths start at `base_dir`, the folder of the file.
+    ///
+    /// # Errors
+    /// [`StaticsError`], with the key and its place in the file.
+    pub fn resolve(self, base_dir: &Path) -> Result<Problem, StaticsError> {
+        let started = Instant::now();
+        let mut warnings = Vec::new();
+        let materials = self.materials()?;
+        let options = ReadOptions {
+            region: self.region.as_deref(),
+            ..ReadOptions::default()
+        };
+        let read = read_mesh(&base_dir.join(&self.mesh), &options).map_err(|error| self.fault("mesh", error))?;
+        if read.displacements.is_some() {
+            let name = self.mesh.display();
+            warnings.push(format!(
+                "{name} holds displacements, which are left out: the mesh at rest is solved for"
+            ));
+        }
+        let mesh = read.mesh;
+        for region in materials
+            .named_regions()
+            .filter(|region| !mesh.regions().contains(region))
+        {
+            warnings.push(format!(
+                "the mesh has no region {region}, for which there is a material"
+            ));
+        }
+        let (fixes, tables) = self.fixes(&mesh, &mut warnings)?;
+        Ok(Problem {
+            materials,
+            fixes,
+            loads: self.loads(&mesh)?,
+            tables,
+            report_nodes: self.numbered("report_nodes", &self.report_nodes, mesh.nodes().len())?,
+            warnings,
+            read_seconds: started.elapsed().as_secs_f64(),
+            mesh,
+            file: self,
+        })
+    }
+
+    fn materials(&self) -> Result<Materials, StaticsError> {
+        if self.material.is_empty() {
+            return Err(self.wrong_keys("material".to_owned(), "no `[[material]]`", "at least one"));
+        }
+        let (mut default, mut by_region) = (None, Vec::new());
+        for (at, spec) in self.material.iter().enumerate() {
+            let material = Material::new(spec.young_kpa, spec.poisson)
+                .map_err(|error| self.fault(format!("material[{at}].{}", error.key()), error))?;
+            match spec.region {
+                Some(region) => by_region.push((region, material)),
+                None if default.is_none() => default = Some(material),
+                None => {
+                    let found = "a second material without `region`";
+                    return Err(self.wrong_keys(
+                        format!("material[{at}]"),
+                        found,
+                        "one at most, for all other regions",
+                    ));
+                }
+            }
+        }
+        Materials::new(default, &by_region).map_err(|error| {
+            let twice = |region: i32| self.material.iter().rposition(|spec| spec.region == Some(region));
+            let at = match &error {
+                MaterialsError::Twice { region, .. } => twice(*region),
+                MaterialsError::Missing { .. } => None,
+            };
+            self.fault(
+                at.map_or("material".to_owned(), |at| format!("material[{at}].region")),
+                error,
+            )
+        })
+    }
+
+    /// Fixes, and the table that each comes from.
+    fn fixes(&self, mesh: &TetMesh, warnings: &mut Vec<String>) -> Result<(Vec<Fix>, Vec<usize>), StaticsError> {
+        let (mut fixes, mut tables) = (Vec::new(), Vec::new());
+        for (at, spec) in self.fix.iter().enumerate() {
+            let table = format!("fix[{at}]");
+            let axes = self.axes(&table, spec)?;
+            self.finite(&format!("{table}.displacement_mm"), &spec.displacement_mm)?;
+            for axis in (0..3u8).filter(|axis| !axes.contains(axis) && spec.displacement_mm[*axis as usize] != 0.0) {
+                let (axis, given) = (AXES[axis as usize], spec.displacement_mm[axis as usize]);
+                warnings.push(format!(
+                    "{table}: displacement_mm gives {given} mm along {axis}, but `axes = \"{}\"` leaves {axis} free",
+                    spec.axes
+                ));
+            }
+            for node in self.select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes())? {
+                fixes.extend(axes.iter().map(|&axis| Fix {
+                    node,
+                    axis,
+                    displacement_mm: spec.displacement_mm[axis as usize],
+                }));
+            }
+            tables.resize(fixes.len(), at);
+        }
+        Ok((fixes, tables))
+    }
+
+    fn axes(&self, table: &str, spec: &FixSpec) -> Result<Vec<u8>, StaticsError> {
+        let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
+        let mut axes: Vec<u8> = spec.axes.chars().filter_map(place).collect();
+        axes.sort_unstable();
+        axes.dedup();
+        // No letter that is none, and none twice.
+        if axes.is_empty() || axes.len() != spec.axes.chars().count() {
+            let found = format!("\"{}\"", spec.axes);
+            let expected = "some of the letters x, y and z, each once, such as \"xyz\" or \"z\"";
+            return Err(self.wrong_keys(format!("{table}.axes"), found, expected));
+        }
+        Ok(axes)
+    }
+
+    fn loads(&self, mesh: &TetMesh) -> Result<Vec<Load>, StaticsError> {
+        let mut loads = Vec::new();
+        for (at, spec) in self.load.iter().enumerate() {
+            let table = format!("load[{at}]");
+            self.finite(&format!("{table}.force_n"), &spec.force_n)?;
+            let nodes = self.select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes())?;
+            let load = |node| Load {
+                node,
+                force_n: spec.force_n,
+            };
+            loads.extend(nodes.into_iter().map(load));
+        }
+        Ok(loads)
+    }
+}
+
+const AXES: [char; 3] = ['x', 'y', 'z'];
+
+impl Problem {
+    /// The mesh.
+    pub fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    /// The nodes whose displacements are reported, in the order asked for.
+    pub fn report_nodes(&self) -> &[u32] {
+        &self.report_nodes
+    }
+
+    /// What is odd about the problem, though it can be solved.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Seconds that reading took.
+    pub fn read_seconds(&self) -> f64 {
+        self.read_seconds
+    }
+
+    /// Solves it.
+    ///
+    /// # Errors
+    /// [`StaticsError`], with the key that is to blame.
+    pub fn solve(&self) -> Result<Solution, StaticsError> {
+        let problem = StaticProblem {
+            mesh: &self.mesh,
+            materials: self.materials.clone(),
+            fixes: self.fixes.clone(),
+            loads: self.loads.clone(),
+        };
+        problem.solve().map_err(|error| self.blame(error))
+    }
+
+    /// The error with the key that it is about.
+    fn blame(&self, error: SolveError) -> StaticsError {
+        let key = match &error {
+            SolveError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
+            SolveError::Materials(_) => "material".to_owned(),
+            SolveError::Rigid(_) => "fix".to_owned(),
+            SolveError::Assembly(_) => "mesh".to_owned(),
+            // Numbers of nodes and axes are right here; what is left concerns all of the problem.
+            _ => return StaticsError::new(Wrong::Solve(error)),
+        };
+        self.file.fault(key, error)
+    }
+
+    /// The fix that gives a displacement another value than one before it.
+    fn contradicting(&self, node: u32, axis: u8) -> String {
+        let same = self.fixes.iter().zip(&self.tables);
+        let mut given = same.filter(|(fix, _)| (fix.node, fix.axis) == (node, axis));
+        let first = given.next().map(|(fix, _)| fix.displacement_mm);
+        let other = given.find(|(fix, _)| Some(fix.displacement_mm) != first);
+        other.map_or("fix".to_owned(), |(_, table)| format!("fix[{table}]"))
+    }
+}
