@@ -1,3 +1,4 @@
 //! Mechanics against closed forms and independent solutions.
 
 mod remesh;
+mod statics;
