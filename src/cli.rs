@@ -33,6 +33,7 @@ Examples:
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
+  insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
   insonify doctor                                  what this machine can render on
 
 Exit status: 0 done; 2 wrong arguments, files or scenes; 1 what the machine could not do.

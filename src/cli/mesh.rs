@@ -1,12 +1,13 @@
 //! `insonify mesh`: tetrahedral meshes.
 
+mod info;
 mod make;
 
 use clap::{Args, Subcommand};
 
 use super::failure::Failure;
 
-/// Makes tetrahedral meshes
+/// Makes tetrahedral meshes and looks into them
 #[derive(Args)]
 pub struct Mesh {
     #[command(subcommand)]
@@ -15,12 +16,14 @@ pub struct Mesh {
 
 #[derive(Subcommand)]
 enum Command {
+    Info(info::Info),
     Make(Box<make::Make>),
 }
 
 impl Mesh {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.command {
+            Command::Info(info) => info.run(),
             Command::Make(make) => make.run(),
         }
     }

@@ -98,6 +98,14 @@ pub enum InvalidMesh {
         /// The first three elements that share it.
         elements: [u32; 3],
     },
+    /// More than two elements meet in one face because one of them is there twice.
+    #[error("tetrahedra {} and {} have the same corners {corners:?}", elements[0], elements[1])]
+    Repeated {
+        /// The corners, ascending.
+        corners: [u32; 4],
+        /// The two elements.
+        elements: [u32; 2],
+    },
     /// A box to be meshed has no volume, or its corners are not finite.
     #[error("a mesh over a box needs a finite box with a volume; got the edges {edges_mm:?} mm")]
     Box {

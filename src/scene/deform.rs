@@ -32,7 +32,7 @@ pub struct DeformSpec {
     #[serde(deserialize_with = "one_or_more", skip_serializing_if = "Vec::is_empty")]
     #[schemars(with = "OneOrMore")]
     pub field: Vec<Displacement>,
-    /// A tetrahedral mesh (`.vtu`, `.vtk`; LPS, mm) in place of one over the volume.
+    /// A tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm) in place of one over the volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
     /// Name of the point array of `mesh` that holds displacements in mm. Default `displacement`.

@@ -6,5 +6,6 @@ mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
+mod meshes;
 mod reports;
 mod support;

@@ -25,13 +25,30 @@ pub(super) fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, Invalid
                 neighbours[b.1 as usize][b.2 as usize] = a.1;
             }
             [a, b, c, ..] => {
-                return Err(InvalidMesh::SharedFace {
+                let sharing = [a.1, b.1, c.1];
+                return Err(repeated(elements, sharing).unwrap_or(InvalidMesh::SharedFace {
                     face: a.0,
-                    elements: [a.1, b.1, c.1],
-                });
+                    elements: sharing,
+                }));
             }
             [] => {}
         }
     }
     Ok(neighbours)
+}
+
+/// The fault of two of these elements having the same corners, if they have.
+fn repeated(elements: &[[u32; 4]], among: [u32; 3]) -> Option<InvalidMesh> {
+    let corners = among.map(|element| {
+        let mut corners = elements[element as usize];
+        corners.sort_unstable();
+        corners
+    });
+    let (first, second) = [(0, 1), (0, 2), (1, 2)]
+        .into_iter()
+        .find(|(first, second)| corners[*first] == corners[*second])?;
+    Some(InvalidMesh::Repeated {
+        corners: corners[first],
+        elements: [among[first], among[second]],
+    })
 }

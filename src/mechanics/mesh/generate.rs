@@ -242,7 +242,7 @@ fn check(nodes: usize, options: &GenerateOptions) -> Result<(), GenerateError> {
         });
     }
     match options.max_edge_mm {
-        Some(found) if !(found > 0.0) => Err(GenerateError::Option {
+        Some(found) if found.is_nan() || found <= 0.0 => Err(GenerateError::Option {
             key: "max_edge_mm",
             found,
             expected: "a positive length",

@@ -60,6 +60,13 @@ fn broken_parts_are_refused_with_their_place() {
         new(with_point([0.0, f64::NAN, 0.0]), vec![good]),
         InvalidMesh::Coordinate { node: 4, .. }
     ));
+    assert_eq!(
+        new(with_point([1.0; 3]), vec![good, [1, 2, 3, 4], [3, 1, 0, 2]]),
+        InvalidMesh::Repeated {
+            corners: [0, 1, 2, 3],
+            elements: [0, 2]
+        }
+    );
     let three = vec![good, [1, 2, 3, 4], [3, 2, 1, 5]];
     let nodes = with_point([1.0; 3]).into_iter().chain([[2.0; 3]]).collect();
     assert_eq!(

@@ -115,10 +115,13 @@ fn assign(draft: &mut Draft, tissue: &Tissue, limits: &Limits, stages: u32) {
 /// Whether the volumes of all regions that are not small are within the tolerance.
 fn are_right(draft: &Draft, tissue: &Tissue, volumes: &[f64]) -> bool {
     let kept = draft.classes.iter().filter(|class| **class != OUTSIDE).count();
+    if kept == 0 {
+        return false;
+    }
     let small = FEWEST_ELEMENTS * volumes[1..].iter().sum::<f64>() / kept as f64;
     let classes = 1..tissue.regions.len();
     classes
-        .filter(|class| !(tissue.volumes[*class] < small))
+        .filter(|class| tissue.volumes[*class] >= small)
         .all(|class| (volumes[class] / tissue.volumes[class] - 1.0).abs() <= TOLERANCE)
 }
 

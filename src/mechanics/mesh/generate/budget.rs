@@ -122,7 +122,6 @@ fn refined(
         )
     };
     let mut refinement = start();
-    let clock = std::time::Instant::now();
     let mut target = aim;
     let mut best: Option<Draft> = None;
     for _ in 0..TRIES {
@@ -143,17 +142,13 @@ fn refined(
             assign::settle(&mut draft, tissue, limits);
         }
         let kept = draft.kept_nodes();
-        eprintln!(
-            "DBG aim {aim} target {target} kept {kept} refined {} total {} {end:?} {:?}",
-            refinement.nodes(),
-            refinement.mesh.nodes.len(),
-            clock.elapsed()
-        );
-        if kept <= aim && best.as_ref().is_none_or(|best| best.kept_nodes() < kept) {
-            best = Some(draft);
-        }
-        if end == End::Pure && kept <= aim || kept <= aim && kept as f64 >= (1.0 - SHORTFALL) * aim as f64 {
-            break;
+        if kept <= aim {
+            if best.as_ref().is_none_or(|best| best.kept_nodes() < kept) {
+                best = Some(draft);
+            }
+            if end == End::Pure || kept as f64 >= (1.0 - SHORTFALL) * aim as f64 {
+                break;
+            }
         }
         let next = target as f64 * (aim as f64 / kept.max(1) as f64).clamp(0.25, 2.0);
         target = if kept > aim {

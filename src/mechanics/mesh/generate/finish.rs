@@ -1,16 +1,15 @@
 //! The draft without what lies outside, in the world, and its figures.
 
 use super::draft::Draft;
-use super::shape::{jacobian_condition, sharpest_cosine};
 use super::tissue::{OUTSIDE, Tissue};
 use super::{GenerateError, GenerateReport, Generated, RegionVolume};
+use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::mesh::{NONE, TetMesh};
 
 /// The mesh of the elements that are kept. Nodes are numbered in the order in which elements name them.
 pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, GenerateError> {
     let mut numbers = vec![NONE; draft.nodes.len()];
     let (mut nodes, mut elements, mut regions) = (Vec::new(), Vec::new(), Vec::new());
-    let mut sharpest = -1.0f64;
     for element in draft.kept() {
         let corners = draft.elements[element as usize];
         elements.push(corners.map(|node| {
@@ -22,16 +21,15 @@ pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, Genera
             *number
         }));
         regions.push(tissue.regions[usize::from(draft.classes[element as usize])]);
-        sharpest = sharpest.max(sharpest_cosine(&draft.corners(element)));
     }
     let mesh = TetMesh::new(nodes, elements, regions)?;
-    let conditions = draft.kept().map(|element| jacobian_condition(&draft.corners(element)));
+    let quality = Quality::of(&mesh, mesh.nodes());
     let report = GenerateReport {
         nodes: mesh.nodes().len(),
         elements: mesh.elements().len(),
-        parts: parts(&mesh),
-        min_dihedral_deg: sharpest.clamp(-1.0, 1.0).acos().to_degrees(),
-        max_jacobian_condition: conditions.fold(1.0, f64::max),
+        parts: quality.face_parts,
+        min_dihedral_deg: quality.min_dihedral_deg.min,
+        max_jacobian_condition: quality.condition.max,
         regions: volumes(draft, tissue),
         mislabelled_percent: mislabelled_percent(draft, tissue),
     };
@@ -54,27 +52,4 @@ fn mislabelled_percent(draft: &Draft, tissue: &Tissue) -> f64 {
     let wrong: f64 = draft.contents.iter().zip(&draft.classes).map(wrong).sum();
     let all: f64 = tissue.volumes[usize::from(OUTSIDE) + 1..].iter().sum();
     100.0 * wrong / all
-}
-
-/// Parts that hang together through faces.
-fn parts(mesh: &TetMesh) -> usize {
-    let mut seen = vec![false; mesh.elements().len()];
-    let mut open = Vec::new();
-    let mut parts = 0;
-    for first in 0..seen.len() {
-        if seen[first] {
-            continue;
-        }
-        parts += 1;
-        seen[first] = true;
-        open.push(first);
-        while let Some(element) = open.pop() {
-            for &next in mesh.neighbours()[element].iter().filter(|next| **next != NONE) {
-                if !std::mem::replace(&mut seen[next as usize], true) {
-                    open.push(next as usize);
-                }
-            }
-        }
-    }
-    parts
 }

@@ -1,7 +1,5 @@
 //! Shape of a tetrahedron, as the generator judges it: often, and without knowing its orientation.
 
-use nalgebra::Matrix3;
-
 /// Corners of the face opposite each corner.
 pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
@@ -51,19 +49,4 @@ pub(super) fn sharpest_cosine(corners: &[[f64; 3]; 4]) -> f64 {
         }
     }
     sharpest
-}
-
-/// Condition number of the map from the regular tetrahedron to the element, in Frobenius norms over 3: 1 or more, infinite
-/// for a flat element.
-pub(super) fn jacobian_condition(corners: &[[f64; 3]; 4]) -> f64 {
-    let regular = Matrix3::from_columns(&[
-        [1.0, 0.0, 0.0].into(),
-        [0.5, 0.75f64.sqrt(), 0.0].into(),
-        [0.5, 0.75f64.sqrt() / 3.0, (2.0f64 / 3.0).sqrt()].into(),
-    ]);
-    let edges = Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]).into()));
-    let inverses = edges.try_inverse().zip(regular.try_inverse());
-    inverses.map_or(f64::INFINITY, |(inverse, from_regular)| {
-        (edges * from_regular).norm() * (regular * inverse).norm() / 3.0
-    })
 }

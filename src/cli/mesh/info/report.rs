@@ -1,0 +1,252 @@
+//! What is told of a mesh, for people and for scripts.
+
+use std::fmt;
+use std::path::Path;
+
+use insonify::mechanics::mesh::file::MeshFile;
+use insonify::mechanics::mesh::quality::{Quality, Spread};
+use serde::Serialize;
+
+/// Everything that is told.
+#[derive(Serialize)]
+pub struct Report {
+    file: String,
+    nodes: usize,
+    elements: usize,
+    /// Cells of lower dimension that were left out.
+    skipped_cells: usize,
+    bounds_mm: [[f64; 3]; 2],
+    volume_ml: f64,
+    regions: Vec<RegionReport>,
+    /// How many parts are not connected to one another.
+    parts: usize,
+    quality: QualityReport,
+    warnings: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct RegionReport {
+    value: i32,
+    name: Option<String>,
+    elements: usize,
+    volume_ml: f64,
+}
+
+#[derive(Serialize)]
+struct QualityReport {
+    min_volume_mm3: f64,
+    median_volume_mm3: f64,
+    max_volume_mm3: f64,
+    min_dihedral_deg: f64,
+    median_min_dihedral_deg: f64,
+    median_max_dihedral_deg: f64,
+    max_dihedral_deg: f64,
+    median_jacobian_condition: f64,
+    max_jacobian_condition: f64,
+    min_dihedral_histogram: Vec<Count>,
+    jacobian_condition_histogram: Vec<Count>,
+    /// Whether it can be calculated on.
+    usable: bool,
+    inverted: Vec<u32>,
+    flat: Vec<u32>,
+    too_thin: Vec<u32>,
+    duplicates: Vec<[u32; 2]>,
+    isolated_nodes: Vec<u32>,
+    coincident_nodes: Vec<[u32; 2]>,
+}
+
+/// How many elements have a value from `low` to below `high`.
+#[derive(Serialize)]
+struct Count {
+    low: f64,
+    high: f64,
+    elements: usize,
+}
+
+impl Report {
+    pub fn new(path: &Path, file: &MeshFile, quality: &Quality) -> Report {
+        let regions = quality.regions.iter().map(|region| RegionReport {
+            value: region.value,
+            name: file.region_names.get(&region.value).cloned(),
+            elements: region.elements,
+            volume_ml: region.volume_ml,
+        });
+        Report {
+            file: path.display().to_string(),
+            nodes: file.mesh.nodes().len(),
+            elements: file.mesh.elements().len(),
+            skipped_cells: file.skipped_cells,
+            bounds_mm: file.mesh.bounds(),
+            volume_ml: quality.volume_ml(),
+            regions: regions.collect(),
+            parts: quality.parts.len(),
+            quality: QualityReport::new(quality),
+            warnings: warnings(file, quality),
+        }
+    }
+}
+
+impl QualityReport {
+    fn new(quality: &Quality) -> QualityReport {
+        QualityReport {
+            min_volume_mm3: quality.volume_mm3.min,
+            median_volume_mm3: quality.volume_mm3.median,
+            max_volume_mm3: quality.volume_mm3.max,
+            min_dihedral_deg: quality.min_dihedral_deg.min,
+            median_min_dihedral_deg: quality.min_dihedral_deg.median,
+            median_max_dihedral_deg: quality.max_dihedral_deg.median,
+            max_dihedral_deg: quality.max_dihedral_deg.max,
+            median_jacobian_condition: quality.condition.median,
+            max_jacobian_condition: quality.condition.max,
+            min_dihedral_histogram: counts(&quality.min_dihedral_deg),
+            jacobian_condition_histogram: counts(&quality.condition),
+            usable: quality.usable().is_ok(),
+            inverted: quality.inverted.clone(),
+            flat: quality.flat.clone(),
+            too_thin: quality.slivers.clone(),
+            duplicates: quality.duplicates.clone(),
+            isolated_nodes: quality.isolated_nodes.clone(),
+            coincident_nodes: quality.coincident_nodes.clone(),
+        }
+    }
+}
+
+fn counts(spread: &Spread) -> Vec<Count> {
+    let bins = spread.histogram.iter().map(|bin| Count {
+        low: bin.low,
+        high: bin.high,
+        elements: bin.count,
+    });
+    bins.collect()
+}
+
+fn warnings(file: &MeshFile, quality: &Quality) -> Vec<String> {
+    let mut warnings = file.warnings.clone();
+    if let Err(unusable) = quality.usable() {
+        warnings.push(unusable.to_string());
+    }
+    if let Some(first) = quality.isolated_nodes.first() {
+        let count = quality.isolated_nodes.len();
+        warnings.push(format!(
+            "{count} nodes belong to no tetrahedron (the first is node {first})"
+        ));
+    }
+    if let Some([a, b]) = quality.coincident_nodes.first() {
+        let count = quality.coincident_nodes.len();
+        warnings.push(format!(
+            "{count} nodes are in the place of another (the first is node {b}, at node {a}): parts may only seem to touch"
+        ));
+    }
+    if quality.face_parts > quality.parts.len() {
+        warnings.push(format!(
+            "{} parts are joined only by nodes or edges, as by hinges",
+            quality.face_parts
+        ));
+    }
+    warnings
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.bounds_mm;
+        writeln!(f, "file         {}", self.file)?;
+        writeln!(f, "nodes        {}", self.nodes)?;
+        write!(f, "elements     {} tetrahedra", self.elements)?;
+        match self.skipped_cells {
+            0 => writeln!(f)?,
+            count => writeln!(f, " ({count} vertices, lines and surfaces left out)")?,
+        }
+        write!(f, "bounds       ")?;
+        for axis in 0..3 {
+            let end = if axis < 2 { ", " } else { " mm (LPS)\n" };
+            write!(
+                f,
+                "{} {:.3} to {:.3}{end}",
+                ["x", "y", "z"][axis],
+                low[axis],
+                high[axis]
+            )?;
+        }
+        writeln!(f, "volume       {:.2} ml", self.volume_ml)?;
+        writeln!(f, "parts        {}", self.parts)?;
+        writeln!(f)?;
+        self.regions(f)?;
+        writeln!(f)?;
+        self.quality.shapes(f)?;
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Report {
+    fn regions(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = self.regions.iter().filter_map(|region| region.name.as_deref());
+        let width = names
+            .map(|name| name.chars().count())
+            .max()
+            .unwrap_or(0)
+            .max("name".len());
+        writeln!(
+            f,
+            "{:>6}  {:<width$}  {:>10}  {:>12}",
+            "region", "name", "elements", "ml"
+        )?;
+        for region in &self.regions {
+            let name = region.name.as_deref().unwrap_or_default();
+            writeln!(
+                f,
+                "{:>6}  {name:<width$}  {:>10}  {:>12.2}",
+                region.value, region.elements, region.volume_ml
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl QualityReport {
+    fn shapes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:<32}  {:>10}  {:>10}", "quality", "median", "worst")?;
+        for (what, median, worst) in [
+            ("volume, mm3", self.median_volume_mm3, self.min_volume_mm3),
+            (
+                "least dihedral angle, deg",
+                self.median_min_dihedral_deg,
+                self.min_dihedral_deg,
+            ),
+            (
+                "greatest dihedral angle, deg",
+                self.median_max_dihedral_deg,
+                self.max_dihedral_deg,
+            ),
+            (
+                "Jacobian condition (regular: 1)",
+                self.median_jacobian_condition,
+                self.max_jacobian_condition,
+            ),
+        ] {
+            writeln!(f, "{what:<32}  {:>10}  {:>10}", number(median), number(worst))?;
+        }
+        for (what, counts) in [
+            ("least dihedral angle, deg", &self.min_dihedral_histogram),
+            ("Jacobian condition", &self.jacobian_condition_histogram),
+        ] {
+            writeln!(f, "\n{what:<32}  {:>10}", "elements")?;
+            for count in counts.iter().filter(|count| count.elements > 0) {
+                let range = format!("{} to {}", count.low, count.high);
+                writeln!(f, "{range:>32}  {:>10}", count.elements)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// In four digits, whatever its size.
+fn number(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if (0.01..10_000.0).contains(&size) => format!("{value:.3}"),
+        _ => format!("{value:.2e}"),
+    }
+}
