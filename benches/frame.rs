@@ -29,6 +29,7 @@ interface = {}
 needle = {}
 shadow = {}
 blur = {}
+receiver = {}
 tone = {}
 noise = {}
 "#;

@@ -12,6 +12,7 @@ pub mod needle;
 pub mod noise;
 pub mod pass;
 pub mod quantise;
+pub mod receiver;
 pub mod scan_conversion;
 pub mod shadow;
 pub mod slice;
@@ -52,6 +53,7 @@ pub static REGISTRY: &[Effect] = &[
     needle::EFFECT,
     shadow::EFFECT,
     blur::EFFECT,
+    receiver::EFFECT,
     tone::EFFECT,
     scan_conversion::EFFECT,
     noise::EFFECT,
@@ -78,6 +80,8 @@ pub struct Effects {
     pub shadow: Option<shadow::Shadow>,
     /// Radial blur about the probe's virtual apex.
     pub blur: Option<blur::Blur>,
+    /// Electronic noise and acoustic clutter.
+    pub receiver: Option<receiver::Receiver>,
     /// Gain, time-gain compensation and log compression; none shows the amplitude linearly.
     pub tone: Option<tone::Tone>,
     /// Additive Gaussian noise on grey levels.
@@ -121,6 +125,7 @@ impl Effects {
             needle: Some(needle::NeedleEcho::default()),
             shadow: Some(shadow::Shadow::default()),
             blur: Some(blur::Blur::default()),
+            receiver: Some(receiver::Receiver::default()),
             tone: Some(tone::Tone::default()),
             noise: None,
         }
@@ -135,6 +140,7 @@ impl Effects {
         self.needle.as_ref().map_or(Ok(()), needle::NeedleEcho::validate)?;
         self.shadow.as_ref().map_or(Ok(()), shadow::Shadow::validate)?;
         self.blur.as_ref().map_or(Ok(()), blur::Blur::validate)?;
+        self.receiver.as_ref().map_or(Ok(()), receiver::Receiver::validate)?;
         self.tone.as_ref().map_or(Ok(()), tone::Tone::validate)?;
         self.noise.as_ref().map_or(Ok(()), noise::Noise::validate)
     }

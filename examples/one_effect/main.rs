@@ -40,6 +40,7 @@ interface = { mirror_db = 44.0 }
 needle = {}
 shadow = {}
 blur = { width_mm = 1.3 }
+receiver = {}
 tone = { gain_db = 8.0 }
 noise = { std_grey = 7.0 }
 "#;
@@ -54,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let all = &scene.settings.effects;
     #[rustfmt::skip]
-    let panels: [(&str, fn(&mut Effects, Effects)); 12] = [
+    let panels: [(&str, fn(&mut Effects, Effects)); 13] = [
         ("slice", |on, _| on.tone = None),
         ("tone", |_, _| ()),
         ("warp", |_, _| ()),
@@ -65,6 +66,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("needle", |on, all| on.needle = all.needle),
         ("shadow", |on, all| on.shadow = all.shadow),
         ("blur", |on, all| on.blur = all.blur),
+        ("receiver", |on, all| on.receiver = all.receiver),
         ("noise", |on, all| on.noise = all.noise),
         ("all", |on, all| *on = all),
     ];

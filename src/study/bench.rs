@@ -217,6 +217,10 @@ const REMOVALS: &[Removal] = &[
         take: |settings| settings.effects.tone = None,
     },
     Removal {
+        effect: "receiver",
+        take: |settings| settings.effects.receiver = None,
+    },
+    Removal {
         effect: "blur",
         take: |settings| settings.effects.blur = None,
     },

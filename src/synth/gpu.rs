@@ -520,6 +520,7 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
             .as_ref()
             .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
         Resource::LineSpacing => floats(tables.line_spacing.of()),
+        Resource::ReceiverPower => floats(tables.receiver_power.of()),
         Resource::Gain => floats(tables.gain.of()),
         Resource::ScanMap => {
             let first = band.first_row as usize * tables.width();

@@ -104,6 +104,8 @@ pub struct Tables {
     pub speckle: Option<SpeckleTables>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
+    /// Power of noise and clutter at each sample depth, per unit drawn; empty without a receiver.
+    pub receiver_power: Numbers,
     /// Linear gain at each sample depth.
     pub gain: Numbers,
     /// Sizes of the buffers of the warp, if a mesh deforms.
@@ -130,6 +132,7 @@ impl Tables {
                 .as_ref()
                 .map(|speckle| SpeckleTables::new(speckle, &grid)),
             blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
+            receiver_power: Numbers::default(),
             gain: Numbers::default(),
             warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
             grid,
@@ -137,6 +140,7 @@ impl Tables {
             anatomy,
             settings,
         };
+        tables.receiver_power = tables.receiver_table();
         tables.gain = tables.gain_table();
         tables.atlas = texture::atlas(&tables.anatomy, &tables.settings)?;
         tables.label_rows = tables.rows();
@@ -159,6 +163,7 @@ impl Tables {
         let speckle = probe || old.effects.speckle != new.effects.speckle;
         let blur = probe || old.effects.blur != new.effects.blur;
         let shadow = probe || old.effects.shadow != new.effects.shadow;
+        let receiver = shadow || old.effects.receiver != new.effects.receiver;
         let gain = shadow || old.effects.tone != new.effects.tone;
         let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
         let atlas = if texture {
@@ -193,6 +198,10 @@ impl Tables {
         if blur {
             self.blur = self.settings.effects.blur.as_ref().map(|blur| blur.kernel(&self.grid));
             changed.push(Resource::BlurKernel);
+        }
+        if receiver {
+            self.receiver_power = self.receiver_table();
+            changed.push(Resource::ReceiverPower);
         }
         if gain {
             self.gain = self.gain_table();
@@ -296,7 +305,7 @@ impl Tables {
                 depth_kernel(speckle.lateral.reach) + 4 * speckle.edges.of::<f32>().len() as u64
             }),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
-            Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
+            Resource::LineSpacing | Resource::ReceiverPower | Resource::Gain => self.samples() as u64 * 4,
             Resource::Needle => (MAX_SEGMENTS * 32) as u64,
             Resource::ScanMap => pixels * 8,
             Resource::Image => pixels * 4,
@@ -333,14 +342,26 @@ impl Tables {
         self.warp.as_ref().map_or(0, pick) as u64
     }
 
-    fn gain_table(&self) -> Numbers {
-        let effects = &self.settings.effects;
-        let attenuates = effects.shadow.as_ref().is_some_and(|shadow| shadow.attenuation);
-        let matched = if attenuates {
+    /// Two-way attenuation of average soft tissue, dB/cm; none where no attenuation is simulated.
+    fn average_attenuation_db_cm(&self) -> f64 {
+        let shadow = &self.settings.effects.shadow;
+        if shadow.as_ref().is_some_and(|shadow| shadow.attenuation) {
             2.0 * SOFT_TISSUE_DB_CM_MHZ * self.settings.probe.frequency_mhz
         } else {
             0.0
-        };
+        }
+    }
+
+    fn receiver_table(&self) -> Numbers {
+        let receiver = &self.settings.effects.receiver;
+        receiver.as_ref().map_or_else(Numbers::default, |receiver| {
+            receiver.table(&self.grid, self.average_attenuation_db_cm())
+        })
+    }
+
+    fn gain_table(&self) -> Numbers {
+        let effects = &self.settings.effects;
+        let matched = self.average_attenuation_db_cm();
         let gain = |sample: usize| match &effects.tone {
             Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched) / 20.0),
             None => 1.0,

@@ -91,6 +91,7 @@ pub fn everything() -> Scene {
             "needle",
             "shadow",
             "blur",
+            "receiver",
             "noise",
         ],
         &[
@@ -111,6 +112,7 @@ pub fn everything() -> Scene {
             Loss,
             BlurKernel,
             AmplitudeNext,
+            ReceiverPower,
         ],
     )
 }
@@ -248,6 +250,13 @@ pub fn scenes() -> Vec<Scene> {
             &[],
         ),
         scene(
+            "receiver",
+            box_of(lossy()),
+            |s| s.effects.receiver = Some(Default::default()),
+            &["receiver"],
+            &[ReceiverPower],
+        ),
+        scene(
             "tone",
             box_of(lossy()),
             |s| s.effects.tone = Some(Default::default()),
@@ -260,7 +269,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 16] = [
+    const ORDER: [&str; 17] = [
         "geometry",
         "warp",
         "slice",
@@ -273,6 +282,7 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "needle",
         "shadow",
         "blur",
+        "receiver",
         "tone",
         "scan_conversion",
         "noise",

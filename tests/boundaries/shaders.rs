@@ -156,7 +156,7 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
             tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
             1,
         ],
-        "speckle_lateral" | "interface" | "needle" | "blur" | "tone" => [samples, lines, 1],
+        "speckle_lateral" | "interface" | "needle" | "blur" | "receiver" | "tone" => [samples, lines, 1],
         // One group a scanline, however many samples.
         "shadow" => [256, lines, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],

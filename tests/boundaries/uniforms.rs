@@ -3,8 +3,8 @@
 use std::mem::offset_of;
 
 use insonify::effects::{
-    blur, geometry, interface, needle, noise, quantise, scan_conversion, shadow, slice, speckle, texture, thickness,
-    tone,
+    blur, geometry, interface, needle, noise, quantise, receiver, scan_conversion, shadow, slice, speckle, texture,
+    thickness, tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 
@@ -84,6 +84,7 @@ fn blocks() -> Vec<Block> {
         ),
         block!("shadow", shadow::Params, samples, needle_units, exponent),
         block!("blur", blur::Params, lines, samples, reach),
+        block!("receiver", receiver::Params, seed, samples, frame),
         block!("tone", tone::Params, samples, compress, per_octave, middle, gamma),
         block!("scan_conversion", scan_conversion::Params, width, lines, samples, fill),
         block!("noise", noise::Params, seed, width, first_row, frame, scale),

@@ -14,7 +14,9 @@ fn plans_list_passes_with_reasons() {
         ["geometry", "slice", "tone", "scan_conversion", "quantise"]
     );
     let without = names(&bare["without"]);
-    for effect in ["warp", "texture", "speckle", "needle", "shadow", "blur", "noise"] {
+    for effect in [
+        "warp", "texture", "speckle", "needle", "shadow", "blur", "receiver", "noise",
+    ] {
         assert!(without.contains(&effect), "{effect}: {without:?}");
     }
     assert!(bare["passes"][0]["reason"].is_string() && bare["without"][0]["reason"].is_string());

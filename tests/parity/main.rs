@@ -22,6 +22,7 @@ mod interface;
 mod needle;
 mod noise;
 mod quantise;
+mod receiver;
 mod scan_conversion;
 mod shadow;
 mod slice;
@@ -45,6 +46,7 @@ fn gpu_tests_run_or_are_counted_as_skipped() {
         include_str!("needle.rs"),
         include_str!("noise.rs"),
         include_str!("quantise.rs"),
+        include_str!("receiver.rs"),
         include_str!("scan_conversion.rs"),
         include_str!("shadow.rs"),
         include_str!("slice.rs"),

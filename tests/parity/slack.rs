@@ -5,7 +5,9 @@ use insonify::synth::tables::Tables;
 use insonify::synth::{FrameState, Synthesizer};
 
 use crate::case::{Case, Trail};
-use crate::{blur, frame, geometry, interface, needle, shadow, slice, speckle, texture, thickness, tone, warp};
+use crate::{
+    blur, frame, geometry, interface, needle, receiver, shadow, slice, speckle, texture, thickness, tone, warp,
+};
 
 /// Bounds on the departure of a twin from the reference, sample by sample of the central plane.
 #[derive(Clone, Default)]
@@ -94,6 +96,7 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) {
         "needle" => needle::carry(step, slack),
         "shadow" => shadow::carry(step, slack),
         "blur" => blur::carry(step, slack),
+        "receiver" => receiver::carry(step, slack),
         "tone" => tone::carry(step, slack),
         // Pixels are compared by `frame`.
         "scan_conversion" | "noise" | "quantise" => {}

@@ -40,6 +40,7 @@ const EDITS: &[Edit] = &[
     ("frequency", |settings| settings.probe.frequency_mhz = 3.0),
     ("needle again", |settings| settings.has_needle = true),
     ("no shadow", |settings| settings.effects.shadow = None),
+    ("no receiver", |settings| settings.effects.receiver = None),
     ("nearest", |settings| {
         settings.effects.slice.boundary = Boundary::Nearest
     }),
@@ -117,6 +118,11 @@ fn a_change_touches_only_what_depends_on_it() {
             &[BlurKernel],
         ),
         (
+            "clutter",
+            |settings| settings.effects.receiver.as_mut().expect("receiver").clutter_db = -30.0,
+            &[ReceiverPower],
+        ),
+        (
             "mirror",
             |settings| settings.effects.interface.as_mut().expect("interface").mirror_db = 20.0,
             &[],
@@ -131,7 +137,7 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &[Gain, LabelRows],
+            &[ReceiverPower, Gain, LabelRows],
         ),
         (
             "depth",
@@ -143,6 +149,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 AxialKernel,
                 LateralKernel,
                 BlurKernel,
+                ReceiverPower,
                 Gain,
                 LabelRows,
             ],

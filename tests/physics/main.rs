@@ -12,6 +12,7 @@ mod interface;
 mod large;
 mod needle;
 mod noise;
+mod receiver;
 mod scan_conversion;
 mod shadow;
 mod slice;

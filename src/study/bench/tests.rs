@@ -29,7 +29,16 @@ fn the_ladder_ends_at_slicing_alone() {
     let taken: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
     assert_eq!(
         taken,
-        ["noise", "tone", "blur", "shadow", "interface", "speckle", "texture"]
+        [
+            "noise",
+            "tone",
+            "receiver",
+            "blur",
+            "shadow",
+            "interface",
+            "speckle",
+            "texture"
+        ]
     );
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
     // Without a tone curve the pass stays: it shows amplitudes linearly.
