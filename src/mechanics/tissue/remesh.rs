@@ -26,7 +26,9 @@
 pub mod adaptation;
 pub mod adapted;
 pub mod corner;
+mod defect;
 pub mod difference;
+mod error;
 pub mod exact;
 mod grown;
 pub mod levels;
@@ -34,15 +36,17 @@ mod lu;
 pub mod make;
 mod options;
 pub mod rebase;
-mod whole;
+mod report;
 
 use faer::{Mat, MatRef};
 
-use super::compliance::ComplianceError;
 pub use adaptation::Adaptation;
 pub use adapted::{AdaptedMesh, Change, RefusedMove};
 pub use difference::Difference;
-pub use make::{Options, Source, make};
+pub use error::RemeshError;
+pub use make::{Source, make};
+pub use options::Options;
+pub use report::{Rebuilt, RemeshReport};
 
 /// How much of the compliance a remesh brings up to date.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -98,106 +102,6 @@ pub enum State {
     Approximate {
         /// Changes since it was that of the mesh.
         changes: u64,
-    },
-}
-
-/// Why a compliance was computed anew rather than updated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rebuilt {
-    /// It always is.
-    Always,
-    /// As many updates as allowed have added up.
-    Updates,
-    /// The sampled residual was larger than tolerated.
-    Residual(f64),
-    /// The compliance at the contacts was no longer positive definite.
-    Indefinite,
-    /// The level before left entries as they were.
-    Switched,
-    /// It was asked for.
-    Requested,
-}
-
-/// What a remesh did.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RemeshReport {
-    /// At which level.
-    pub level: Level,
-    /// Rows of the change (s).
-    pub rank: usize,
-    /// Rows in which the stiffness differs from that of the base (|S|), where the level keeps account of them; else 0.
-    pub held: usize,
-    /// Reciprocal condition of I + dK G, estimated; 1 where nothing was solved.
-    pub reciprocal_condition: f64,
-    /// The sampled residual, where one was taken (see [`Remesher::residual`]).
-    pub residual: Option<f64>,
-    /// Why the compliance was computed anew, if it was.
-    pub rebuilt: Option<Rebuilt>,
-    /// A rebuild was due and failed; the updated compliance is kept. Prepare a new base.
-    pub rebuild_failed: bool,
-    /// Bytes of the large matrices read and written.
-    pub bytes_moved: usize,
-}
-
-/// Why a remesh, or another request to a remesher, is refused. The remesher is then as it was.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RemeshError {
-    /// A change was left out, or given twice, or the mesh has gone on.
-    #[error(
-        "change {found} of a mesh at change {mesh}, but change {expected} is due; hand over every change once, or refresh"
-    )]
-    OutOfStep {
-        /// The change that comes next.
-        expected: u64,
-        /// The change given.
-        found: u64,
-        /// Changes of the mesh.
-        mesh: u64,
-    },
-    /// The change makes the stiffness nearly singular relative to what it was.
-    #[error(
-        "moving node {node} makes the capacitance matrix I + dK G singular to working precision: reciprocal condition \
-         {reciprocal_condition:.1e}, at least {limit:.1e} expected; move it less close to a face, or another node"
-    )]
-    Singular {
-        /// The node moved.
-        node: u32,
-        /// Reciprocal condition, estimated.
-        reciprocal_condition: f64,
-        /// The limit.
-        limit: f64,
-    },
-    /// The whole of the moves since the base makes it so.
-    #[error(
-        "the mesh has moved so far from its base that I + dK G is singular to working precision: reciprocal condition \
-         {reciprocal_condition:.1e}, at least {limit:.1e} expected; prepare a new base"
-    )]
-    FarFromBase {
-        /// Reciprocal condition, estimated.
-        reciprocal_condition: f64,
-        /// The limit.
-        limit: f64,
-    },
-    /// Entries of the compliance cannot be had.
-    #[error(transparent)]
-    Compliance(#[from] ComplianceError),
-    /// The remesher does not work at this level.
-    #[error("this remesher works at level {offered} and the like, not at {asked}; make another")]
-    Level {
-        /// Asked for.
-        asked: Level,
-        /// Its own.
-        offered: Level,
-    },
-    /// The compliance at hand does not suit the level.
-    #[error("level {level} in {precision}: {reason}")]
-    Unsuited {
-        /// Asked for.
-        level: Level,
-        /// Asked for.
-        precision: Precision,
-        /// What is missing, and what to do.
-        reason: String,
     },
 }
 

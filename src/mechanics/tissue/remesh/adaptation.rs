@@ -1,9 +1,9 @@
 //! A mesh and the remesher that follows it, kept together: a move happens to both or to neither.
 
-use super::adapted::{AdaptedMesh, Change, RefusedMove};
-use super::make::{Options, Source, make};
+use super::adapted::{AdaptedMesh, Change, Record, RefusedMove};
+use super::make::{Source, make};
 use super::rebase::{Rebase, RebaseError, adopt};
-use super::{Level, Precision, RemeshError, RemeshReport, Remesher};
+use super::{Level, Options, Precision, RemeshError, RemeshReport, Remesher};
 
 /// A mesh with its remesher, and the base that another remesher can be made from.
 pub struct Adaptation {
@@ -65,9 +65,8 @@ impl Adaptation {
     /// # Errors
     /// [`AdaptError`].
     pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<RemeshReport, AdaptError> {
-        let moves = self.mesh.moves().to_vec();
-        let change = self.mesh.move_node(node, to)?;
-        self.hand_over(&change, moves)
+        let change = self.mesh.begin_move(node, to)?;
+        self.hand_over(change, Record::Moved)
     }
 
     /// Moves a node back to its original position.
@@ -75,9 +74,8 @@ impl Adaptation {
     /// # Errors
     /// [`AdaptError`].
     pub fn restore(&mut self, node: u32) -> Result<RemeshReport, AdaptError> {
-        let moves = self.mesh.moves().to_vec();
-        let change = self.mesh.restore(node)?;
-        self.hand_over(&change, moves)
+        let change = self.mesh.begin_restore(node)?;
+        self.hand_over(change, Record::Restored)
     }
 
     /// Takes back the last move; `None` when there is none.
@@ -85,11 +83,8 @@ impl Adaptation {
     /// # Errors
     /// [`AdaptError`].
     pub fn undo(&mut self) -> Result<Option<RemeshReport>, AdaptError> {
-        let moves = self.mesh.moves().to_vec();
-        match self.mesh.undo()? {
-            Some(change) => self.hand_over(&change, moves).map(Some),
-            None => Ok(None),
-        }
+        let change = self.mesh.begin_undo()?;
+        change.map(|change| self.hand_over(change, Record::Undone)).transpose()
     }
 
     /// Changes level and precision while running. Contacts and moves stay.
@@ -117,10 +112,13 @@ impl Adaptation {
     }
 
     /// Gives a change to the remesher, or takes it back.
-    fn hand_over(&mut self, change: &Change, moves: Vec<(u32, [f64; 3])>) -> Result<RemeshReport, AdaptError> {
-        self.remesher.remesh(&self.mesh, change).map_err(|error| {
-            self.mesh.revert(change, moves);
-            error.into()
-        })
+    fn hand_over(&mut self, change: Change, record: Record) -> Result<RemeshReport, AdaptError> {
+        let result = self.remesher.remesh(&self.mesh, &change);
+        match result {
+            Ok(_) => self.mesh.record(record, &change),
+            Err(_) => self.mesh.take_back(&change),
+        }
+        self.mesh.reclaim(change);
+        result.map_err(AdaptError::from)
     }
 }

@@ -112,7 +112,8 @@ impl Difference {
     fn lay_out(&mut self, mesh: &AdaptedMesh) {
         self.elements.clear();
         for &node in mesh.away() {
-            self.elements.extend(mesh.around(node).map(|(element, _)| element));
+            self.elements
+                .extend(mesh.elements_around(node).map(|(element, _)| element));
         }
         self.elements.sort_unstable();
         self.elements.dedup();

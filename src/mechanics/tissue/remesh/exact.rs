@@ -30,8 +30,7 @@ use faer::{Mat, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::options::Options;
-use super::{Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
 use crate::random::{hash3, seed_words};
 use contacts::Contacts;

@@ -28,8 +28,7 @@ use faer::{Mat, MatRef, Side};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
-use super::options::Options;
-use super::{Level, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;

@@ -25,13 +25,29 @@ pub struct Change {
 }
 
 impl Change {
-    /// What moving `node` to `to` would change, assembled from the elements around it.
-    pub(super) fn of(mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
-        let neighbours = mesh.neighbours(node);
-        let dofs: Vec<[u32; 3]> = neighbours.iter().map(|node| mesh.dofs().of(*node)).collect();
-        let support: Vec<u32> = dofs.iter().flatten().copied().filter(|dof| *dof != NONE).collect();
-        let mut stiffness = Mat::zeros(support.len(), support.len());
-        for (element, place) in mesh.around(node) {
+    /// No change, and no memory yet.
+    pub(super) fn none() -> Change {
+        Change {
+            node: 0,
+            from: [0.0; 3],
+            to: [0.0; 3],
+            support: Vec::new(),
+            stiffness: Mat::new(),
+            step: 0,
+        }
+    }
+
+    /// What moving `node` to `to` would change, assembled from the elements around it. Uses the memory of `self`.
+    pub(super) fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+        let dofs = mesh.dofs();
+        self.support.clear();
+        let all = mesh.neighbours(node).iter().flat_map(|node| dofs.of(*node));
+        self.support.extend(all.filter(|dof| *dof != NONE));
+        let (support, size) = (&self.support, self.support.len());
+        let stiffness = &mut self.stiffness;
+        stiffness.truncate(0, 0);
+        stiffness.resize_with(size, size, |_, _| 0.0);
+        for (element, place) in mesh.elements_around(node) {
             let corners = mesh.elements()[element as usize];
             let mut positions = mesh.positions(element, mesh.nodes());
             let refused = |cause| RefusedMove::Element {
@@ -46,10 +62,7 @@ impl Change {
             let after = Shape::of(&positions).map_err(refused)?;
             let material = &mesh.stiffness().materials()[element as usize];
             let (weights_before, weights_after) = (before.weights(material), after.weights(material));
-            let own = corners.map(|corner| match neighbours.binary_search(&corner) {
-                Ok(at) => dofs[at].map(|dof| support.binary_search(&dof).ok()),
-                Err(_) => [None; 3],
-            });
+            let own = corners.map(|corner| dofs.of(corner).map(|dof| support.binary_search(&dof).ok()));
             for (a, b) in (0..16).map(|pair| (pair / 4, pair % 4)) {
                 let old = before.block(weights_before, a, b);
                 let new = after.block(weights_after, a, b);
@@ -64,9 +77,8 @@ impl Change {
             node,
             from: mesh.nodes()[node as usize],
             to,
-            support,
-            stiffness,
             step: mesh.step() + 1,
+            ..self
         })
     }
 }

@@ -6,7 +6,7 @@ use super::Exact;
 use super::update::product;
 use crate::mechanics::tissue::compliance::{ComplianceError, check_shape};
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
-use crate::mechanics::tissue::remesh::whole::{backward_error, defect};
+use crate::mechanics::tissue::remesh::defect::{backward_error, defect};
 
 impl Exact {
     /// The forces on the base mesh (N, one a free degree of freedom) that displace it as `forces` on the contacts displace

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_shape};
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
+use crate::mechanics::tissue::remesh::defect::{backward_error, defect, largest};
 use crate::mechanics::tissue::remesh::difference::Difference;
 use crate::mechanics::tissue::remesh::grown::symmetrise;
 use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
-use crate::mechanics::tissue::remesh::whole::{backward_error, defect, largest};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
 
 pub(super) struct Inverse<T> {

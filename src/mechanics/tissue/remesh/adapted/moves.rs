@@ -1,0 +1,170 @@
+//! Moving nodes, and taking moves back.
+
+use super::{AdaptedMesh, Change, RefusedMove};
+use crate::mechanics::mesh::quality::jacobian_condition;
+use crate::mechanics::tissue::element::Shape;
+
+/// What a change does to the list of moves.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) enum Record {
+    /// It is one more.
+    Moved,
+    /// Those of its node are forgotten.
+    Restored,
+    /// It takes back the last.
+    Undone,
+}
+
+impl AdaptedMesh {
+    /// The worst Jacobian condition among the tetrahedra around `node` after it were moved to `to` (mm): what the choice of a
+    /// corner goes by. Nothing is moved.
+    ///
+    /// # Errors
+    /// [`RefusedMove`], as [`move_node`](Self::move_node) would refuse.
+    pub fn assess(&self, node: u32, to: [f64; 3]) -> Result<f64, RefusedMove> {
+        let nodes = self.nodes.len();
+        if node as usize >= nodes {
+            return Err(RefusedMove::Node { node, nodes });
+        }
+        if to.iter().any(|x| !x.is_finite()) {
+            return Err(RefusedMove::Position { node, to });
+        }
+        let (mut worst, mut thinnest, mut before) = (0.0, 0, 0.0f64);
+        for (element, place) in self.elements_around(node) {
+            let mut positions = self.positions(element, &self.nodes);
+            before = before.max(jacobian_condition(&positions));
+            positions[place] = to;
+            if let Err(cause) = Shape::of(&positions) {
+                let corners = self.elements()[element as usize];
+                return Err(RefusedMove::Element {
+                    node,
+                    to,
+                    element,
+                    corners,
+                    cause,
+                });
+            }
+            let condition = jacobian_condition(&positions);
+            if condition > worst {
+                (worst, thinnest) = (condition, element);
+            }
+        }
+        // A move that betters elements which were too thin from the start is welcome.
+        if worst > self.condition_limit && worst > before {
+            return Err(RefusedMove::Condition {
+                node,
+                to,
+                element: thinnest,
+                condition: worst,
+                limit: self.condition_limit,
+            });
+        }
+        Ok(worst)
+    }
+
+    /// Moves a node to `to` (mm).
+    ///
+    /// # Errors
+    /// [`RefusedMove`] when an element would be inverted or flat, or thinner than the limit allows and thinner than any
+    /// around the node was before.
+    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+        let change = self.begin_move(node, to)?;
+        self.record(Record::Moved, &change);
+        Ok(change)
+    }
+
+    /// Moves a node back to its original position and forgets its moves.
+    ///
+    /// # Errors
+    /// [`RefusedMove`] when that would invert or flatten an element, as other nodes have moved since.
+    pub fn restore(&mut self, node: u32) -> Result<Change, RefusedMove> {
+        let change = self.begin_restore(node)?;
+        self.record(Record::Restored, &change);
+        Ok(change)
+    }
+
+    /// Takes back the last move; `None` when there is none. In the reverse order of the moves this is never refused.
+    ///
+    /// # Errors
+    /// [`RefusedMove`] when that would invert or flatten an element, as nodes have been restored in another order.
+    pub fn undo(&mut self) -> Result<Option<Change>, RefusedMove> {
+        let change = self.begin_undo()?;
+        if let Some(change) = &change {
+            self.record(Record::Undone, change);
+        }
+        Ok(change)
+    }
+
+    /// Takes the memory of a change that is done with, for the next one: moves then allocate nothing.
+    pub fn reclaim(&mut self, change: Change) {
+        self.spare = Some(change);
+    }
+
+    /// As [`move_node`](Self::move_node), except that the move is not listed until it is [recorded](Self::record).
+    pub(in super::super) fn begin_move(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+        self.assess(node, to)?;
+        self.shift(node, to)
+    }
+
+    /// As [`restore`](Self::restore), with the list of moves as before.
+    pub(in super::super) fn begin_restore(&mut self, node: u32) -> Result<Change, RefusedMove> {
+        let nodes = self.nodes.len();
+        let home = self.original.get(node as usize).copied();
+        self.shift(node, home.ok_or(RefusedMove::Node { node, nodes })?)
+    }
+
+    /// As [`undo`](Self::undo), with the list of moves as before.
+    pub(in super::super) fn begin_undo(&mut self) -> Result<Option<Change>, RefusedMove> {
+        match self.moves.last() {
+            Some(&(node, before)) => self.shift(node, before).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Notes a change that was begun in the list of moves.
+    pub(in super::super) fn record(&mut self, record: Record, change: &Change) {
+        match record {
+            Record::Moved => self.moves.push((change.node, change.from)),
+            Record::Restored => self.moves.retain(|(node, _)| *node != change.node),
+            Record::Undone => drop(self.moves.pop()),
+        }
+    }
+
+    /// Takes back a change that was begun, the last one, as if it had never been.
+    pub(in super::super) fn take_back(&mut self, change: &Change) {
+        self.place(change.node, change.from);
+        self.step -= 1;
+    }
+
+    /// Moves a node wherever its elements stay usable.
+    fn shift(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+        let spare = self.spare.take().unwrap_or_else(Change::none);
+        let change = spare.fill(self, node, to)?;
+        self.place(node, to);
+        self.step = change.step;
+        Ok(change)
+    }
+
+    fn place(&mut self, node: u32, to: [f64; 3]) {
+        self.nodes[node as usize] = to;
+        self.note(node);
+    }
+
+    /// Keeps account of whether a node is away from its base.
+    pub(super) fn note(&mut self, node: u32) {
+        let is_away = self.nodes[node as usize] != self.base[node as usize];
+        let place = self.away.binary_search(&node);
+        let neighbours = self.around.neighbours(node);
+        match place {
+            Err(at) if is_away => {
+                self.away.insert(at, node);
+                neighbours.iter().for_each(|node| self.touched[*node as usize] += 1);
+            }
+            Ok(at) if !is_away => {
+                self.away.remove(at);
+                neighbours.iter().for_each(|node| self.touched[*node as usize] -= 1);
+            }
+            _ => {}
+        }
+    }
+}
