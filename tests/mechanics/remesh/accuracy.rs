@@ -36,7 +36,7 @@ fn explore() {
                         rebuild_always,
                         check_every: 1,
                         rebuild_every: 0,
-                        residual_double: 1e9,
+                        rounding_slack: 1e99,
                         ..Options::default()
                     },
                 );

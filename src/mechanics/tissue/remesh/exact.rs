@@ -22,6 +22,7 @@ mod anew;
 mod contacts;
 mod held;
 mod update;
+mod watch;
 mod whole;
 
 use std::fmt;
@@ -32,10 +33,10 @@ use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
-use crate::random::{hash3, seed_words};
 use contacts::Contacts;
 use held::Held;
 use update::Work;
+use watch::Watch;
 
 /// The exact condensed level. One thread; nothing is allocated while S does not outgrow what it was before.
 pub struct Exact {
@@ -47,8 +48,7 @@ pub struct Exact {
     difference: Difference,
     work: Work,
     step: u64,
-    /// Updates since C was computed anew.
-    updates: u64,
+    watch: Watch,
     rebuilds: u64,
 }
 
@@ -86,7 +86,7 @@ impl Exact {
             difference: Difference::default(),
             work: Work::default(),
             step: mesh.step(),
-            updates: 0,
+            watch: Watch::new(),
             rebuilds: 0,
         };
         exact.refresh(mesh)?;
@@ -126,39 +126,6 @@ impl Exact {
             rebuilt,
             rebuild_failed: false,
             bytes_moved: entries * size_of::<f64>(),
-        }
-    }
-
-    /// Samples the residual and computes anew where that is due. What fails here leaves the updated C as it is.
-    fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
-        let Options {
-            check_every,
-            rebuild_every,
-            residual_double,
-            ..
-        } = self.options;
-        let mut due = (rebuild_every > 0 && self.updates >= rebuild_every).then_some(Rebuilt::Updates);
-        let check = check_every > 0 && self.updates.is_multiple_of(check_every);
-        if check || due.is_some() {
-            mesh.difference_into(&mut self.difference);
-        }
-        if check {
-            let sample = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % self.held.len();
-            let residual = self.sampled_residual(sample);
-            report.residual = Some(residual);
-            if residual.is_nan() || residual > residual_double {
-                due = Some(Rebuilt::Residual(residual));
-            }
-        }
-        if let Some(reason) = due {
-            match self.compute_anew() {
-                Ok(condition) => {
-                    self.rebuilds += 1;
-                    report.rebuilt = Some(reason);
-                    report.reciprocal_condition = report.reciprocal_condition.min(condition);
-                }
-                Err(_) => report.rebuild_failed = true,
-            }
         }
     }
 }
@@ -227,11 +194,10 @@ impl Remesher for Exact {
         let mut report = self.report(change.support.len(), condition, always);
         if self.held.is_empty() {
             self.contacts.forget_correction();
-            self.updates = 0;
+            self.watch = Watch::new();
         } else if always.is_some() {
             self.rebuilds += 1;
         } else {
-            self.updates += 1;
             self.maintain(mesh, &mut report);
         }
         Ok(report)

@@ -20,11 +20,11 @@
 //! columns against the true stiffness is watched, and the inverse rebuilt where it passes a limit.
 
 mod inverse;
+mod watch;
 
 use std::sync::Arc;
 
-use faer::linalg::solvers::Llt;
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
@@ -32,8 +32,8 @@ use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remes
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::random::{hash3, seed_words};
 use inverse::Inverse;
+use watch::suits;
 
 /// A dense inverse that follows at one of the levels I to IV. Works on the threads of the current rayon pool; the result does
 /// not depend on how many there are.
@@ -97,39 +97,9 @@ impl<T: Entry> Levels<T> {
         self.rebuilds
     }
 
-    fn residual_limit(&self) -> f64 {
-        match T::PRECISION {
-            Precision::Single => self.options.residual_single,
-            Precision::Double => self.options.residual_double,
-        }
-    }
-
     fn read_condensed(&mut self) -> Result<(), ComplianceError> {
         self.condensed = self.inverse.current.entries(&self.contacts, &self.contacts)?;
         Ok(())
-    }
-
-    /// Whether K^c can be a compliance: symmetric it is, and positive definite it must be.
-    fn is_definite(&self) -> bool {
-        self.contacts.is_empty() || Llt::new(self.condensed.as_ref(), Side::Lower).is_ok()
-    }
-
-    /// Looks at what a change has left behind, and says why the inverse must be rebuilt if it must.
-    fn due(&mut self, mesh: &AdaptedMesh, change: &Change, report: &mut RemeshReport) -> Option<Rebuilt> {
-        let Options { check_every, .. } = self.options;
-        if self.level == Level::I && check_every > 0 && self.step.is_multiple_of(check_every) {
-            let size = self.inverse.current.size();
-            let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % size;
-            // One column where the inverse has just changed most, and one anywhere.
-            let own = change.support.first().map_or(any, |dof| *dof as usize);
-            let residual = self.inverse.residual(mesh, &[own, any]);
-            report.residual = Some(residual);
-            if residual.is_nan() || residual > self.residual_limit() {
-                return Some(Rebuilt::Residual(residual));
-            }
-        }
-        let partial = matches!(self.level, Level::II | Level::III);
-        (partial && !self.is_definite()).then_some(Rebuilt::Indefinite)
     }
 
     /// Rebuilds the inverse; the reciprocal condition of what was solved for it.
@@ -155,24 +125,6 @@ impl<T: Entry> Levels<T> {
             bytes_moved: 3 * self.inverse.current.bytes() + self.inverse.columns_bytes(rank),
         }
     }
-}
-
-/// Refuses f32 where rounding makes it useless.
-fn suits(mesh: &AdaptedMesh, level: Level, precision: Precision, options: &Options) -> Result<(), RemeshError> {
-    let poisson = mesh.stiffness().materials().iter().map(|material| material.poisson());
-    let highest = poisson.fold(-1.0, f64::max);
-    let limit = options.single_poisson_limit;
-    if precision == Precision::Double || level == Level::IV || highest <= limit {
-        return Ok(());
-    }
-    Err(RemeshError::Unsuited {
-        level,
-        precision,
-        reason: format!(
-            "a region has a Poisson's ratio of {highest}, and beyond {limit} the rounding of f32 outgrows the answer within \
-             tens of remeshes; use f64, or the exact level"
-        ),
-    })
 }
 
 /// The rows and columns that a level updates, if not all.

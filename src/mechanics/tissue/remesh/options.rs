@@ -6,14 +6,17 @@ pub struct Options {
     /// A change is refused where the reciprocal condition of its capacitance matrix I + dK G is below this. An update then
     /// loses more than ten of sixteen digits; moves within the mesh's own limit stay far above.
     pub reciprocal_limit: f64,
-    /// The sampled residual is taken every so many changes (0: never). See [`Remesher::residual`](super::Remesher::residual).
+    /// Errors are sampled every so many changes (0: never); the exact level looks at every change at first and after a sample
+    /// that was off, and then ever less often up to this.
     pub check_every: u64,
-    /// Sampled residual in f64 beyond which the compliance is computed anew.
+    /// Exact level: it is computed anew where the sampled backward error of C, or the relative error of K^c against C, is
+    /// larger.
+    pub exact_tolerance: f64,
+    /// Level I in f64: sampled residual beyond which the inverse is rebuilt. See
+    /// [`Remesher::residual`](super::Remesher::residual).
     pub residual_double: f64,
     /// The same in f32.
     pub residual_single: f64,
-    /// Exact level: updates after which it is computed anew whatever the residual (0: never).
-    pub rebuild_every: u64,
     /// Exact level: always compute anew, never update. For comparison: it costs O(|S|^3).
     pub rebuild_always: bool,
     /// The largest Poisson's ratio at which levels I to III may work in f32.
@@ -25,9 +28,9 @@ impl Default for Options {
         Options {
             reciprocal_limit: 1e-10,
             check_every: 16,
+            exact_tolerance: 1e-12,
             residual_double: 1e-9,
             residual_single: 1e-2,
-            rebuild_every: 1000,
             rebuild_always: false,
             single_poisson_limit: 0.49,
         }

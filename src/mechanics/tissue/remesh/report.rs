@@ -7,9 +7,7 @@ use super::Level;
 pub enum Rebuilt {
     /// It always is.
     Always,
-    /// As many updates as allowed have added up.
-    Updates,
-    /// The sampled residual was larger than tolerated.
+    /// A sample was off by more than tolerated; its residual.
     Residual(f64),
     /// The compliance at the contacts was no longer positive definite.
     Indefinite,
@@ -30,7 +28,8 @@ pub struct RemeshReport {
     pub held: usize,
     /// Reciprocal condition of I + dK G, estimated; 1 where nothing was solved.
     pub reciprocal_condition: f64,
-    /// The sampled residual, where one was taken (see [`Remesher::residual`](super::Remesher::residual)).
+    /// The sampled residual, where one was taken (see [`Remesher::residual`](super::Remesher::residual)): levels I to III for
+    /// unit forces on single degrees of freedom, the exact level for forces of 1 or -1 N on all of S at once.
     pub residual: Option<f64>,
     /// Why the compliance was computed anew, if it was.
     pub rebuilt: Option<Rebuilt>,

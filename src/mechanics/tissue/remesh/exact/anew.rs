@@ -1,10 +1,11 @@
-//! C and K^c from scratch, and how far the updated ones are off.
+//! C and K^c from scratch.
 
 use faer::Accum;
 use faer::prelude::{Reborrow, ReborrowMut};
 
 use super::Exact;
 use super::update::{product, symmetric_product};
+use super::watch::Watch;
 use crate::mechanics::tissue::remesh::grown::symmetrise;
 use crate::simd::{Kernel, vectorised};
 
@@ -47,7 +48,7 @@ impl Exact {
         work.lu.solve_transpose(next.rb_mut());
         symmetrise(next.rb_mut());
         std::mem::swap(&mut held.c, &mut work.next);
-        self.updates = 0;
+        self.watch = Watch::new();
 
         self.contacts.forget_correction();
         let b = self.held.b.get();
@@ -55,35 +56,6 @@ impl Exact {
         product(cb.rb_mut(), Accum::Replace, self.held.c.get(), b, 1.0);
         symmetric_product(self.contacts.condensed.as_mut(), b.transpose(), cb.rb(), -1.0);
         Ok(condition)
-    }
-
-    /// The largest entry of K K^-1 e - e for the unit force e on member `sample` of S, with K^-1 as C corrects it and
-    /// `self.difference` that of the mesh: equal to `(dK - (I + dK G) C) G e` if the base inverse is exact, and then zero
-    /// outside S. Costs O(|S|^2).
-    pub(super) fn sampled_residual(&mut self, sample: usize) -> f64 {
-        let Exact {
-            held, work, difference, ..
-        } = self;
-        let len = held.len();
-        let g = held.g.get();
-        let mut x = work.x.shape(len, 1);
-        let mut y = work.vd.shape(len, 1);
-        product(
-            y.rb_mut(),
-            Accum::Replace,
-            held.c.get(),
-            g.get(.., sample..sample + 1),
-            1.0,
-        );
-        x.rb_mut().col_mut(0).copy_from(g.col(sample));
-        product(x.rb_mut(), Accum::Add, g, y.rb(), -1.0);
-        // The residual, dK x - y, takes the place of -y.
-        y.rb_mut().col_mut(0).iter_mut().for_each(|y| *y = -*y);
-        for (row, column, value) in difference.entries() {
-            y[(held.place(row), 0)] += value * x[(held.place(column), 0)];
-        }
-        let magnitudes = y.rb().col(0).iter().map(|r| r.abs());
-        magnitudes.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
     }
 }
 

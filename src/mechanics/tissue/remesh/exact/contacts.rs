@@ -1,7 +1,7 @@
 //! The compliance at the contacts.
 
 use faer::prelude::{Reborrow, ReborrowMut};
-use faer::{Accum, Mat};
+use faer::{Accum, Mat, MatRef};
 
 use super::held::Held;
 use super::update::product;
@@ -28,6 +28,11 @@ impl Contacts {
 
     pub fn dofs(&self) -> &[usize] {
         &self.dofs
+    }
+
+    /// K0^-1[c, c].
+    pub fn bare(&self) -> MatRef<'_, f64> {
+        self.bare.as_ref()
     }
 
     /// The compliance at the contacts is that of the base.

@@ -1,0 +1,124 @@
+//! Whether the updated C and K^c are still as good as computed anew, and what happens if they are not.
+
+use faer::prelude::{Reborrow, ReborrowMut};
+use faer::{Accum, MatMut, MatRef};
+
+use super::Exact;
+use super::update::product;
+use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
+use crate::mechanics::tissue::remesh::report::{Rebuilt, RemeshReport};
+use crate::random::{hash3, seed_words};
+
+/// When the next sample is due.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Watch {
+    /// Updates since the last one.
+    updates: u64,
+    /// Updates between them: one after a sample that was off, and twice as many after each that was not.
+    interval: u64,
+}
+
+impl Watch {
+    pub fn new() -> Watch {
+        Watch {
+            updates: 0,
+            interval: 1,
+        }
+    }
+}
+
+impl Exact {
+    /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
+    pub(super) fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
+        self.watch.updates += 1;
+        if self.options.check_every == 0 || self.watch.updates < self.watch.interval {
+            return;
+        }
+        mesh.difference_into(&mut self.difference);
+        let [residual, backward] = self.correction_error();
+        report.residual = Some(residual);
+        // A NaN is no small error.
+        let tolerance = self.options.exact_tolerance;
+        if backward <= tolerance && self.contacts_error() <= tolerance {
+            let interval = (2 * self.watch.interval).min(self.options.check_every);
+            self.watch = Watch { updates: 0, interval };
+            return;
+        }
+        self.watch = Watch::new();
+        match self.compute_anew() {
+            Ok(condition) => {
+                self.rebuilds += 1;
+                report.rebuilt = Some(Rebuilt::Residual(residual));
+                report.reciprocal_condition = report.reciprocal_condition.min(condition);
+            }
+            Err(_) => report.rebuild_failed = true,
+        }
+    }
+
+    /// The largest entry of K K^-1 e - e for random forces e of 1 or -1 N on all of S, with K^-1 as C corrects it and
+    /// `self.difference` that of the mesh; and the same over the size of what it is the difference of. If the base inverse is
+    /// exact, it is `dK x - y` on S and zero elsewhere, where y = C G e and x = G e - G y. Costs O(|S|^2).
+    fn correction_error(&mut self) -> [f64; 2] {
+        let Exact {
+            held, work, difference, ..
+        } = self;
+        let (g, c) = (held.g.get(), held.c.get());
+        let mut columns = work.x.shape(held.len(), 4);
+        let (mut e, rest) = columns.rb_mut().split_at_col_mut(1);
+        let (mut ge, rest) = rest.split_at_col_mut(1);
+        let (mut y, mut gy) = rest.split_at_col_mut(1);
+        fill_with_signs(e.rb_mut(), self.step);
+        product(ge.rb_mut(), Accum::Replace, g, e.rb(), 1.0);
+        product(y.rb_mut(), Accum::Replace, c, ge.rb(), 1.0);
+        product(gy.rb_mut(), Accum::Replace, g, y.rb(), 1.0);
+        let mut rest = e;
+        rest.copy_from(y.rb());
+        for (row, column, value) in difference.entries() {
+            let from = held.place(column);
+            rest[(held.place(row), 0)] -= value * (ge[(from, 0)] - gy[(from, 0)]);
+        }
+        let residual = largest(rest.rb());
+        let size = difference.norm_inf() * (largest(ge.rb()) + largest(gy.rb())) + largest(y.rb());
+        [residual, relative(residual, size)]
+    }
+
+    /// How far K^c e is from K0^-1[c, c] e - B^T C B e, relatively, for random signs e. Costs O(|S|^2).
+    fn contacts_error(&mut self) -> f64 {
+        let Exact {
+            held, contacts, work, ..
+        } = self;
+        let (b, c) = (held.b.get(), held.c.get());
+        let mut columns = work.x.shape(held.len(), 2);
+        let (mut be, mut y) = columns.rb_mut().split_at_col_mut(1);
+        let mut own = work.w.shape(contacts.dofs().len(), 3);
+        let (mut e, rest) = own.rb_mut().split_at_col_mut(1);
+        let (mut bare, mut now) = rest.split_at_col_mut(1);
+        fill_with_signs(e.rb_mut(), self.step);
+        product(be.rb_mut(), Accum::Replace, b, e.rb(), 1.0);
+        product(y.rb_mut(), Accum::Replace, c, be.rb(), 1.0);
+        product(bare.rb_mut(), Accum::Replace, contacts.bare(), e.rb(), 1.0);
+        product(now.rb_mut(), Accum::Replace, contacts.condensed.as_ref(), e.rb(), 1.0);
+        let size = largest(bare.rb()) + largest(now.rb());
+        product(bare.rb_mut(), Accum::Add, b.transpose(), y.rb(), -1.0);
+        now -= bare;
+        relative(largest(now.rb()), size)
+    }
+}
+
+/// Random values 1 and -1.
+fn fill_with_signs(column: MatMut<'_, f64>, step: u64) {
+    for (i, sign) in column.col_mut(0).iter_mut().enumerate() {
+        let bit = hash3([step as i32, i as i32, 0], seed_words(0))[0] & 1;
+        *sign = if bit == 0 { 1.0 } else { -1.0 };
+    }
+}
+
+fn relative(error: f64, size: f64) -> f64 {
+    if error == 0.0 { 0.0 } else { error / size }
+}
+
+/// The largest magnitude in a column; NaN where there is one.
+fn largest(column: MatRef<'_, f64>) -> f64 {
+    let magnitudes = column.col(0).iter().map(|value| value.abs());
+    magnitudes.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
+}
