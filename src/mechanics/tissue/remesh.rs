@@ -37,6 +37,8 @@ pub mod make;
 mod options;
 pub mod rebase;
 mod report;
+#[cfg(test)]
+mod testing;
 
 use faer::{Mat, MatRef};
 

@@ -186,3 +186,6 @@ impl AdaptedMesh {
         (0..self.nodes.len() as u32).for_each(|node| self.note(node));
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -157,3 +157,6 @@ fn try_node(mesh: &AdaptedMesh, node: u32, tip: [f64; 3], taken: &impl Fn(u32) -
     let condition = mesh.assess(node, tip).map_err(Unfit::Refused)?;
     Ok(Corner { node, condition })
 }
+
+#[cfg(test)]
+mod tests;

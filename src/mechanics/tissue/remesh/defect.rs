@@ -32,3 +32,6 @@ pub(super) fn largest(values: &[f64]) -> f64 {
     let magnitudes = values.iter().map(|value| value.abs());
     magnitudes.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
 }
+
+#[cfg(test)]
+mod tests;

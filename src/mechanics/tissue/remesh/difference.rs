@@ -150,3 +150,6 @@ impl Difference {
         &mut self.blocks[span.start + at]
     }
 }
+
+#[cfg(test)]
+mod tests;

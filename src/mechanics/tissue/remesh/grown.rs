@@ -111,3 +111,6 @@ pub(super) fn symmetrise(mut matrix: MatMut<'_, f64>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -172,3 +172,6 @@ fn largest(column: MatRef<'_, f64>) -> usize {
     let values = column.col(0);
     (1..values.nrows()).fold(0, |best, i| if values[i].abs() > values[best].abs() { i } else { best })
 }
+
+#[cfg(test)]
+mod tests;

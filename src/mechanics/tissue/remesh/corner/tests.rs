@@ -1,0 +1,138 @@
+use super::*;
+use crate::mechanics::tissue::remesh::testing::{adapted, inner_nodes};
+
+/// An element of which all corners are free, and a point in it.
+fn inside(mesh: &AdaptedMesh) -> (u32, [f64; 3]) {
+    let (element, _) = mesh.elements_around(inner_nodes(mesh)[0]).next().expect("an element");
+    (element, mesh.point(element, [0.4, 0.3, 0.2, 0.1]))
+}
+
+#[test]
+fn the_corner_with_the_best_elements_after_the_move_wins() {
+    let mesh = adapted(0.3);
+    let (element, tip) = inside(&mesh);
+    let corner = best_corner(&mesh, element, tip, |_| false).expect("a corner");
+    let corners = mesh.elements()[element as usize];
+    let conditions = corners.map(|node| mesh.assess(node, tip).unwrap_or(f64::INFINITY));
+    let best = conditions.into_iter().fold(f64::INFINITY, f64::min);
+    assert_eq!(corner.condition, best);
+    assert_eq!(mesh.assess(corner.node, tip), Ok(best));
+    // The next best when that one is taken.
+    let next = best_corner(&mesh, element, tip, |node| node == corner.node).expect("a corner");
+    assert!(next.node != corner.node && next.condition >= corner.condition);
+}
+
+#[test]
+fn a_tip_on_a_vertex_moves_that_vertex_and_on_an_edge_one_of_its_ends() {
+    let mesh = adapted(0.3);
+    let (element, _) = inside(&mesh);
+    let corners = mesh.elements()[element as usize];
+    let on_vertex = mesh.point(element, [0.0, 0.0, 1.0, 0.0]);
+    assert_eq!(
+        best_corner(&mesh, element, on_vertex, |_| false)
+            .expect("a corner")
+            .node,
+        corners[2]
+    );
+    let on_edge = mesh.point(element, [0.6, 0.0, 0.4, 0.0]);
+    let chosen = best_corner(&mesh, element, on_edge, |_| false).expect("a corner").node;
+    assert!([corners[0], corners[2]].contains(&chosen), "{chosen}");
+}
+
+#[test]
+fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
+    let mesh = adapted(0.3);
+    let (element, tip) = inside(&mesh);
+    let mut corners = mesh.elements()[element as usize];
+    corners.sort_unstable();
+    let expected = corners.map(|node| Unfit::Taken { node }).to_vec();
+    let none = best_corner(&mesh, element, tip, |_| true).expect_err("all are taken");
+    assert_eq!(
+        none,
+        NoCorner::NoneFits {
+            element,
+            tip,
+            unfit: expected
+        }
+    );
+    assert!(
+        none.to_string().contains(&format!("node {} is taken", corners[0])),
+        "{none}"
+    );
+
+    let fixed = (0..mesh.nodes().len() as u32)
+        .find(|node| mesh.dofs().of(*node).contains(&NONE))
+        .expect("the floor");
+    let (element, _) = mesh.elements_around(fixed).next().expect("an element");
+    let tip = mesh.nodes()[fixed as usize];
+    match best_corner(&mesh, element, tip, |_| false) {
+        Err(NoCorner::NoneFits { unfit, .. }) => {
+            assert!(unfit.contains(&Unfit::Fixed { node: fixed }), "{unfit:?}");
+            assert!(
+                unfit
+                    .iter()
+                    .any(|reason| matches!(reason, Unfit::Refused(RefusedMove::Element { .. }))),
+                "{unfit:?}"
+            );
+        }
+        other => panic!("on a fixed node every other corner flattens the element: {other:?}"),
+    }
+    let elements = mesh.elements().len();
+    let outside = best_corner(&mesh, elements as u32, tip, |_| false);
+    assert_eq!(
+        outside,
+        Err(NoCorner::Element {
+            element: elements as u32,
+            elements
+        })
+    );
+}
+
+/// An element and one beside it, both around an inner node, with the corners they share.
+fn face(mesh: &AdaptedMesh) -> (u32, u32, Vec<u32>) {
+    let elements: Vec<u32> = mesh
+        .elements_around(inner_nodes(mesh)[0])
+        .map(|(element, _)| element)
+        .collect();
+    let shared = |a: u32, b: u32| -> Vec<u32> {
+        let other = mesh.elements()[b as usize];
+        mesh.elements()[a as usize]
+            .into_iter()
+            .filter(|node| other.contains(node))
+            .collect()
+    };
+    let from = elements[0];
+    let to = elements[1..]
+        .iter()
+        .find(|to| shared(from, **to).len() == 3)
+        .expect("a face");
+    (from, *to, shared(from, *to))
+}
+
+#[test]
+fn the_nearest_node_of_the_face_crossed_is_moved() {
+    let mesh = adapted(0.3);
+    let (from, to, face) = face(&mesh);
+    for target in &face {
+        // Close to one of them, beyond the face.
+        let weights = mesh.elements()[to as usize].map(|node| if node == *target { 0.85 } else { 0.05 });
+        let tip = mesh.point(to, weights);
+        assert_eq!(
+            nearest_of_face(&mesh, from, to, tip, |_| false).expect("a corner").node,
+            *target
+        );
+        let next = nearest_of_face(&mesh, from, to, tip, |node| node == *target)
+            .expect("a corner")
+            .node;
+        assert!(face.contains(&next) && next != *target);
+    }
+    let tip = mesh.nodes()[face[0] as usize];
+    assert_eq!(
+        nearest_of_face(&mesh, from, from, tip, |_| false),
+        Err(NoCorner::Face { from, to: from })
+    );
+    match nearest_of_face(&mesh, from, to, tip, |_| true) {
+        Err(NoCorner::NoneFits { unfit, .. }) => assert_eq!(unfit.len(), 3),
+        other => panic!("{other:?}"),
+    }
+}
