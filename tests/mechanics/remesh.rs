@@ -1,4 +1,7 @@
 //! Remeshing at every level against the inverse of the stiffness assembled from the moved mesh.
 
 mod accuracy;
+mod drift;
+mod insertion;
+mod sources;
 mod support;

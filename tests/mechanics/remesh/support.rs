@@ -8,7 +8,9 @@ use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::tissue::assembly::Stiffness;
 use insonify::mechanics::tissue::dofs::{Dofs, NONE};
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{AdaptedMesh, Source};
+use insonify::mechanics::tissue::remesh::{
+    AdaptedMesh, Adaptation, Level, Options, Precision, RemeshReport, Source,
+};
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
 /// Edges of the lattice cells, mm.
@@ -22,11 +24,11 @@ pub fn noise(n: u64) -> f64 {
     (x >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// A jittered block of 7 x 7 x 6 nodes, its bottom fixed, of Poisson's ratio `poisson`.
+/// A jittered block of 6 x 5 x 5 nodes, its bottom fixed, of Poisson's ratio `poisson`.
 pub fn mesh(poisson: f64) -> AdaptedMesh {
-    let cells = [6, 6, 5];
-    let lattice = TetMesh::over_box([0.0; 3], cells.map(|n| f64::from(n) * CELL), 7 * 7 * 6).unwrap();
-    assert_eq!(lattice.nodes().len(), 7 * 7 * 6);
+    let cells = [5, 4, 4];
+    let lattice = TetMesh::over_box([0.0; 3], cells.map(|n| f64::from(n) * CELL), 6 * 5 * 5).unwrap();
+    assert_eq!(lattice.nodes().len(), 6 * 5 * 5);
     let jittered = lattice.nodes().iter().enumerate().map(|(node, position)| {
         std::array::from_fn(|axis| {
             let inside = position[axis] > 0.0 && position[axis] < f64::from(cells[axis]) * CELL;
@@ -121,10 +123,37 @@ pub fn error(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     (found.to_owned() - expected).norm_max() / expected.norm_max()
 }
 
-/// Rounding unit times an upper bound of the condition of the mesh's stiffness now, |K|_inf |K^-1|_inf: what a backward
-/// stable inverse may be off, relative to its largest entry, up to a small factor.
+/// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit times
+/// |K|_inf |K^-1|_inf, an upper bound of the condition of the mesh's stiffness now (N. J. Higham, "Accuracy and Stability of
+/// Numerical Algorithms", section 14).
 pub fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {
     let stiffness = mesh.stiffness().at_nodes(mesh.nodes()).unwrap();
     let sums = gold.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
-    f64::EPSILON * stiffness.norm_inf() * sums.fold(0.0, f64::max)
+    2.0 * f64::EPSILON * stiffness.norm_inf() * sums.fold(0.0, f64::max)
+}
+
+/// A mesh with its remesher, contacts named.
+pub fn follow(mesh: AdaptedMesh, source: Source, level: Level, precision: Precision, options: Options) -> Adaptation {
+    let contacts = contacts(&mesh);
+    let mut adaptation = Adaptation::new(mesh, source, level, precision, options).unwrap();
+    adaptation.parts().1.set_contacts(&contacts).unwrap();
+    adaptation
+}
+
+/// Makes the moves `from..to` of the sequence; the few that would spoil an element are left out.
+pub fn go(adaptation: &mut Adaptation, nodes: &[u32], from: u64, to: u64) -> Vec<RemeshReport> {
+    let moves = (from..to).filter_map(|n| {
+        let (node, position) = nth_move(adaptation.mesh(), nodes, n);
+        let fits = adaptation.mesh().assess(node, position).is_ok();
+        fits.then(|| adaptation.move_node(node, position).unwrap())
+    });
+    moves.collect()
+}
+
+/// The relative error of K^c, and what rounding may make of it.
+pub fn condensed_error(adaptation: &Adaptation) -> [f64; 2] {
+    let (gold, contacts) = (gold(adaptation.mesh()), adaptation.remesher().contacts());
+    let expected = part(gold.as_ref(), contacts, contacts);
+    let found = error(adaptation.remesher().condensed(), expected.as_ref());
+    [found, rounding(adaptation.mesh(), gold.as_ref())]
 }

@@ -122,3 +122,6 @@ impl Adaptation {
         result.map_err(AdaptError::from)
     }
 }
+
+#[cfg(test)]
+mod tests;

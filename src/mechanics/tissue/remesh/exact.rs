@@ -274,3 +274,6 @@ impl Remesher for Exact {
         self.source.bytes() + self.held.bytes() + self.work.bytes()
     }
 }
+
+#[cfg(test)]
+mod tests;

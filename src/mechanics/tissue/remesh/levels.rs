@@ -297,3 +297,6 @@ impl<T: Entry> Remesher for Levels<T> {
         self.inverse.bytes()
     }
 }
+
+#[cfg(test)]
+mod tests;

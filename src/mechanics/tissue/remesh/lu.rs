@@ -145,6 +145,9 @@ pub(super) fn capacitance(lu: &mut Lu, d: MatRef<'_, f64>, h: MatRef<'_, f64>, o
         matrix[(i, i)] += 1.0;
     }
     let condition = lu.factor();
+    if condition == 0.0 {
+        return condition;
+    }
     out.copy_from(d);
     lu.solve(out.rb_mut());
     symmetrise(out);

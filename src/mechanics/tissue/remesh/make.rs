@@ -112,3 +112,6 @@ pub fn make(
         }
     })
 }
+
+#[cfg(test)]
+mod tests;

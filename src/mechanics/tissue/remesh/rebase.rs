@@ -111,3 +111,6 @@ pub fn adopt(rebase: Rebase, mesh: &mut AdaptedMesh, remesher: &mut dyn Remesher
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -107,4 +107,16 @@ fn the_capacitance_is_that_of_the_matrix_inversion_lemma() {
     assert_eq!(found, found.transpose().to_owned());
     let nothing = capacitance(&mut lu, Mat::zeros(size, size).as_ref(), h.as_ref(), found.as_mut());
     assert_eq!((nothing, found.norm_max()), (1.0, 0.0));
+    for size in [size, size + 1] {
+        let undefined = Mat::from_fn(size, size, |_, _| f64::NAN);
+        assert_eq!(
+            capacitance(
+                &mut lu,
+                undefined.as_ref(),
+                undefined.as_ref(),
+                undefined.clone().as_mut()
+            ),
+            0.0
+        );
+    }
 }

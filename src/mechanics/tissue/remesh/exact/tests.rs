@@ -1,0 +1,348 @@
+use super::*;
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::remesh::testing::{
+    adapted, dofs_of, free_nodes, gold, inner_nodes, inverse, nearby, part, rounding,
+};
+use crate::mechanics::tissue::testing::value;
+
+/// A remesher at the base of a mesh, with contacts at some nodes.
+fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: Options) -> Exact {
+    let mut exact = Exact::new(mesh, Box::new(inverse(mesh)), Precision::Double, options).expect("a remesher");
+    exact.set_contacts(&dofs_of(mesh, nodes)).expect("contacts");
+    exact
+}
+
+/// Moves a node of both.
+fn go(mesh: &mut AdaptedMesh, exact: &mut Exact, node: u32, salt: u32) -> RemeshReport {
+    let change = mesh.move_node(node, nearby(mesh, node, salt)).expect("a small move");
+    exact.remesh(mesh, &change).expect("a remesh")
+}
+
+/// K^c and other entries against the inverse computed anew.
+fn check(mesh: &AdaptedMesh, exact: &mut Exact) {
+    let gold = gold(mesh);
+    let bound = rounding(mesh, &gold);
+    let contacts = exact.contacts().to_vec();
+    let expected = part(&gold, &contacts, &contacts);
+    assert!((exact.condensed() - &expected).norm_max() <= bound * expected.norm_max());
+    assert_eq!(exact.condensed(), exact.condensed().transpose());
+    let (rows, columns) = ([0, 5, 17], [3, gold.ncols() - 1]);
+    let block = exact.compliance(&rows, &columns).expect("a block");
+    assert!((&block - part(&gold, &rows, &columns)).norm_max() <= bound * gold.norm_max());
+}
+
+#[test]
+fn each_move_is_followed_and_s_is_what_is_touched() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &[inner[0], free_nodes(&mesh)[40]], Options::default());
+    for (salt, node) in [inner[0], inner[1], inner[0], inner[2], inner[1]]
+        .into_iter()
+        .enumerate()
+    {
+        let report = go(&mut mesh, &mut exact, node, salt as u32);
+        assert_eq!(report.rank, 3 * mesh.neighbours(node).len());
+        let mut held: Vec<u32> = exact.held().iter().map(|dof| *dof as u32).collect();
+        held.sort_unstable();
+        assert_eq!(held, mesh.support().collect::<Vec<_>>());
+        assert_eq!(report.held, held.len());
+        assert_eq!(report.rebuilt, None);
+        check(&mesh, &mut exact);
+    }
+    // C is (I + dK G)^-1 dK: what an LU from scratch gives.
+    let updated = exact.correction().to_owned();
+    mesh.difference_into(&mut exact.difference);
+    exact.compute_anew().expect("well conditioned");
+    let k = mesh.stiffness().norm_inf() + exact.difference.norm_inf();
+    let g = exact.held.g.get().norm_l1();
+    let bound = f64::EPSILON * k * g;
+    assert!((&updated - exact.correction()).norm_max() <= bound * updated.norm_max());
+    check(&mesh, &mut exact);
+}
+
+#[test]
+fn nodes_that_return_give_the_base_back_bit_for_bit() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &inner, Options::default());
+    let before = exact.condensed().to_owned();
+    for (salt, node) in inner.iter().enumerate() {
+        go(&mut mesh, &mut exact, *node, salt as u32);
+    }
+    assert_ne!(exact.condensed(), before.as_ref());
+    // In another order than they went.
+    for node in &inner {
+        let change = mesh.restore(*node).expect("home");
+        exact.remesh(&mesh, &change).expect("a remesh");
+        check(&mesh, &mut exact);
+    }
+    assert!(exact.held().is_empty() && exact.correction().nrows() == 0);
+    assert_eq!(exact.condensed(), before.as_ref());
+}
+
+#[test]
+fn contacts_can_come_and_go_between_moves() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &[], Options::default());
+    assert_eq!(exact.condensed().nrows(), 0);
+    go(&mut mesh, &mut exact, inner[0], 1);
+    let sets = [
+        vec![inner[0], inner[1]],
+        vec![inner[2], inner[0]],
+        vec![],
+        vec![free_nodes(&mesh)[50], inner[2]],
+    ];
+    for (salt, nodes) in sets.into_iter().enumerate() {
+        exact.set_contacts(&dofs_of(&mesh, &nodes)).expect("contacts");
+        assert_eq!(exact.contacts(), dofs_of(&mesh, &nodes));
+        check(&mesh, &mut exact);
+        go(&mut mesh, &mut exact, inner[salt % 3], 10 + salt as u32);
+        check(&mesh, &mut exact);
+    }
+    let (contacts, before) = (exact.contacts().to_vec(), exact.condensed().to_owned());
+    let size = mesh.dofs().free();
+    for wrong in [vec![0, size], vec![4, 4]] {
+        assert!(matches!(exact.set_contacts(&wrong), Err(RemeshError::Compliance(_))));
+    }
+    assert_eq!((exact.contacts(), exact.condensed()), (&contacts[..], before.as_ref()));
+}
+
+#[test]
+fn a_change_out_of_step_is_refused_and_a_refresh_catches_up() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &inner[..2], Options::default());
+    let first = mesh
+        .move_node(inner[0], nearby(&mesh, inner[0], 1))
+        .expect("a small move");
+    exact.remesh(&mesh, &first).expect("a remesh");
+    let before = exact.condensed().to_owned();
+    let again = RemeshError::OutOfStep {
+        expected: 2,
+        found: 1,
+        mesh: 1,
+    };
+    assert_eq!(exact.remesh(&mesh, &first), Err(again));
+    let second = mesh
+        .move_node(inner[1], nearby(&mesh, inner[1], 1))
+        .expect("a small move");
+    let third = mesh
+        .move_node(inner[1], nearby(&mesh, inner[1], 2))
+        .expect("a small move");
+    for change in [&third, &second] {
+        assert!(matches!(
+            exact.remesh(&mesh, change),
+            Err(RemeshError::OutOfStep { .. })
+        ));
+    }
+    assert_eq!(exact.condensed(), before.as_ref());
+    assert_eq!(
+        exact.refresh(&mesh).expect("a refresh").rebuilt,
+        Some(Rebuilt::Requested)
+    );
+    check(&mesh, &mut exact);
+    go(&mut mesh, &mut exact, inner[2], 1);
+    check(&mesh, &mut exact);
+}
+
+#[test]
+fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &inner[..2], Options::default());
+    go(&mut mesh, &mut exact, inner[0], 1);
+    let (condensed, held) = (exact.condensed().to_owned(), exact.held().to_vec());
+    exact.options.reciprocal_limit = 0.9;
+    let change = mesh
+        .move_node(inner[1], nearby(&mesh, inner[1], 1))
+        .expect("a small move");
+    match exact.remesh(&mesh, &change) {
+        Err(RemeshError::Singular {
+            node,
+            reciprocal_condition,
+            limit,
+        }) => {
+            assert!(node == inner[1] && limit == 0.9 && reciprocal_condition < 0.9);
+        }
+        other => panic!("{other:?}"),
+    }
+    assert_eq!((exact.condensed(), exact.held()), (condensed.as_ref(), &held[..]));
+    assert!(matches!(exact.refresh(&mesh), Err(RemeshError::FarFromBase { .. })));
+    assert_eq!((exact.condensed(), exact.held()), (condensed.as_ref(), &held[..]));
+    exact.options.reciprocal_limit = 1e-10;
+    exact.remesh(&mesh, &change).expect("a remesh");
+    check(&mesh, &mut exact);
+}
+
+#[test]
+fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let spoil: [fn(&mut Exact); 2] = [
+        |exact| exact.held.c.get_mut()[(3, 3)] *= 1.0 + 1e-6,
+        |exact| exact.contacts.condensed[(1, 1)] *= 1.0 + 1e-6,
+    ];
+    for (salt, spoil) in spoil.into_iter().enumerate() {
+        let mut exact = exact(&mesh, &inner[..2], Options::default());
+        let report = go(&mut mesh, &mut exact, inner[0], 20 + salt as u32);
+        assert!(report.residual.is_some_and(|residual| residual < 1e-10), "{report:?}");
+        spoil(&mut exact);
+        // The second sample comes two updates after the first.
+        assert_eq!(go(&mut mesh, &mut exact, inner[1], 1).residual, None);
+        let report = go(&mut mesh, &mut exact, inner[1], 2);
+        assert!(
+            matches!(report.rebuilt, Some(Rebuilt::Residual(_))),
+            "{salt}: {report:?}"
+        );
+        assert_eq!(exact.rebuilds(), 1);
+        check(&mesh, &mut exact);
+        while mesh.undo().expect("back").is_some() {}
+    }
+}
+
+#[test]
+fn samples_become_rarer_while_they_are_good() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(
+        &mesh,
+        &inner[..2],
+        Options {
+            check_every: 4,
+            ..Options::default()
+        },
+    );
+    let sampled: Vec<bool> = (0..16)
+        .map(|n| go(&mut mesh, &mut exact, inner[n % 3], n as u32).residual.is_some())
+        .collect();
+    let expected = [1, 3, 7, 11, 15].map(|update| update - 1);
+    for (n, sampled) in sampled.into_iter().enumerate() {
+        assert_eq!(sampled, expected.contains(&n), "{n}");
+    }
+}
+
+#[test]
+fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(&mesh, &[inner[0], inner[3]], Options::default());
+    go(&mut mesh, &mut exact, inner[0], 1);
+    go(&mut mesh, &mut exact, inner[1], 2);
+    let size = mesh.dofs().free();
+    let forces: Vec<f64> = (0..6).map(|i| value(i, 0, 4)).collect();
+    let gold = gold(&mesh);
+    let bound = rounding(&mesh, &gold) * 6.0 * gold.norm_max();
+    let expected = |i: usize| -> f64 {
+        exact
+            .contacts
+            .dofs()
+            .iter()
+            .zip(&forces)
+            .map(|(dof, force)| gold[(i, *dof)] * force)
+            .sum()
+    };
+    let expected: Vec<f64> = (0..size).map(expected).collect();
+    let mut u = vec![0.0; size];
+    exact.displacement(&forces, &mut u).expect("displacements");
+    assert!(
+        u.iter()
+            .zip(&expected)
+            .all(|(u, expected)| (u - expected).abs() <= bound)
+    );
+    let left = exact
+        .displacement_refined(&mesh, &forces, &mut u)
+        .expect("displacements");
+    assert!(left <= size as f64 * f64::EPSILON, "{left}");
+    assert!(
+        u.iter()
+            .zip(&expected)
+            .all(|(u, expected)| (u - expected).abs() <= bound)
+    );
+
+    let mut base = vec![0.0; size];
+    exact.base_forces(&forces, &mut base).expect("forces");
+    for (dof, force) in base.iter().enumerate() {
+        let may = exact.contacts().contains(&dof) || exact.held().contains(&dof);
+        assert!(may || *force == 0.0, "{dof}");
+    }
+    for (forces, length) in [(&forces[..5], size), (&forces[..], size - 1)] {
+        let mut short = vec![0.0; length];
+        assert!(matches!(
+            exact.displacement(forces, &mut short),
+            Err(RemeshError::Compliance(_))
+        ));
+        assert!(exact.base_forces(forces, &mut short).is_err());
+    }
+}
+
+#[test]
+fn the_residual_is_that_of_the_whole_mesh() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let mut exact = exact(
+        &mesh,
+        &inner[..1],
+        Options {
+            check_every: 0,
+            ..Options::default()
+        },
+    );
+    let report = go(&mut mesh, &mut exact, inner[0], 1);
+    assert_eq!(report.residual, None);
+    let dofs = dofs_of(&mesh, &inner[..2]);
+    assert!(exact.residual(&mesh, &dofs).expect("a residual") < 1e-11);
+    // An error e in one entry of C leaves a force e G[., dof] on that row.
+    let error = 1e-3 * exact.correction()[(3, 3)];
+    exact.held.c.get_mut()[(3, 3)] += error;
+    let row = exact.held()[3];
+    let found = exact.residual(&mesh, &[row]).expect("a residual");
+    let size = mesh.dofs().free();
+    let at = exact.held.g.get()[(3, 3)];
+    let amplified = 1.0 + size as f64 * mesh.stiffness().norm_inf() * exact.held.g.get().norm_max();
+    assert!(
+        found >= 1e-3 * error.abs() * at && found <= error.abs() * at * amplified,
+        "{found}"
+    );
+    let wrong = ComplianceError::OutOfRange { dof: size, size };
+    assert_eq!(exact.residual(&mesh, &[size]), Err(RemeshError::Compliance(wrong)));
+}
+
+#[test]
+fn a_source_that_does_not_fit_is_refused() {
+    let mesh = adapted(0.45);
+    let other = crate::mechanics::tissue::symmetric::Symmetric::<f64>::zeros(5);
+    let refused = Exact::new(&mesh, Box::new(other), Precision::Double, Options::default());
+    let shape = ComplianceError::Shape {
+        what: "rows of the compliance",
+        found: 5,
+        expected: mesh.dofs().free(),
+    };
+    assert_eq!(refused.err(), Some(RemeshError::Compliance(shape)));
+    let mut exact = exact(&mesh, &[], Options::default());
+    let asked = exact.set_level(&mesh, Level::II);
+    assert_eq!(
+        asked,
+        Err(RemeshError::Level {
+            asked: Level::II,
+            offered: Level::Exact
+        })
+    );
+    assert_eq!(exact.set_level(&mesh, Level::Exact), Ok(None));
+}
+
+#[test]
+fn nodes_beside_the_fixed_floor_move_too() {
+    let mut mesh = adapted(0.45);
+    let free = free_nodes(&mesh);
+    let is_beside = |node: &&u32| {
+        mesh.neighbours(**node)
+            .iter()
+            .any(|other| mesh.dofs().of(*other) == [NONE; 3])
+    };
+    let beside = *free.iter().find(is_beside).expect("a node beside the floor");
+    let mut exact = exact(&mesh, &[beside], Options::default());
+    let report = go(&mut mesh, &mut exact, beside, 3);
+    assert!(report.rank < 3 * mesh.neighbours(beside).len());
+    check(&mesh, &mut exact);
+}
