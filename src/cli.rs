@@ -16,6 +16,7 @@ mod scene;
 mod schema;
 mod solve;
 mod terminal;
+mod vtu;
 
 use std::process::ExitCode;
 

@@ -37,5 +37,8 @@ pub use file::{FixSpec, LoadSpec, MaterialSpec, ProblemFile};
 pub use report::Report;
 pub use resolve::Problem;
 
+/// A problem file to start from, with every key.
+pub const EXAMPLE: &str = include_str!("../assets/press.toml");
+
 #[cfg(test)]
 mod tests;

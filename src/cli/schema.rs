@@ -8,7 +8,7 @@ use schemars::schema_for;
 use super::failure::Failure;
 use super::terminal;
 
-/// Prints the JSON schema of the scene, for editors and for programs that write scenes
+/// Prints the JSON schema of a file, for editors and for programs that write such files
 #[derive(Args)]
 pub struct Schema {
     /// Of what
@@ -21,6 +21,7 @@ enum Of {
     /// A scene file
     Scene,
     /// A problem file that `solve` reads
+    #[value(alias = "solve")]
     Problem,
     /// The sidecar of a frame that `render --sidecar` writes
     Sidecar,

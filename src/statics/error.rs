@@ -3,6 +3,7 @@
 use super::file::ProblemFile;
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::mesh::file::MeshFileError;
+use crate::mechanics::mesh::quality::UnusableMesh;
 use crate::mechanics::tissue::material::{InvalidMaterial, MaterialsError};
 use crate::mechanics::tissue::problem::SolveError;
 
@@ -18,6 +19,9 @@ pub enum Wrong {
     /// The mesh cannot be read.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
+    /// The mesh can be read, but not calculated on.
+    #[error(transparent)]
+    Unusable(#[from] UnusableMesh),
     /// A material is none.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),

@@ -21,6 +21,8 @@ pub struct Report {
     pub displacement_mm: Vec<[f64; 3]>,
     /// Length of the longest displacement of all nodes, mm.
     pub max_displacement_mm: f64,
+    /// Forces that each `[[fix]]` puts on the mesh to hold its nodes, in sum, N. What two hold counts for the first.
+    pub reaction_n: Vec<[f64; 3]>,
     /// Wall-clock time by phase, and in all.
     pub seconds: BTreeMap<&'static str, f64>,
     /// What is odd about the problem.
@@ -31,9 +33,6 @@ pub struct Report {
     /// The node that moves farthest.
     #[serde(skip)]
     farthest: usize,
-    /// Sum of all reactions, N.
-    #[serde(skip)]
-    reaction_n: [f64; 3],
 }
 
 impl Report {
@@ -45,10 +44,6 @@ impl Report {
         let length = |u: &[f64; 3]| u.iter().fold(0.0, |a: f64, x| a.hypot(*x));
         let lengths = solution.displacement_mm.iter().map(length).enumerate();
         let (farthest, max) = lengths.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
-        let mut reaction_n = [0.0; 3];
-        for reaction in &solution.reactions {
-            reaction_n[reaction.axis as usize] += reaction.force_n;
-        }
         let phases = &solution.seconds;
         let phases = [
             ("read", problem.read_seconds()),
@@ -65,11 +60,11 @@ impl Report {
             residual: solution.residual,
             displacement_mm: problem.report_nodes().iter().map(displacement).collect(),
             max_displacement_mm: max,
+            reaction_n: problem.reactions(solution),
             seconds: phases.into_iter().chain([("total", total)]).collect(),
             warnings: problem.warnings().to_vec(),
             report_nodes: problem.report_nodes().to_vec(),
             farthest,
-            reaction_n,
         }
     }
 }
@@ -83,19 +78,25 @@ impl fmt::Display for Report {
             "farthest     {:.6} mm, node {}",
             self.max_displacement_mm, self.farthest
         )?;
-        let [x, y, z] = self.reaction_n.map(rounded);
-        writeln!(f, "reactions    {x:.6}, {y:.6}, {z:.6} N in all along x, y, z")?;
+        writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "held by", "x N", "y N", "z N")?;
+        for (fix, force) in self.reaction_n.iter().enumerate() {
+            row(f, &format!("fix[{fix}]"), force)?;
+        }
         if !self.report_nodes.is_empty() {
             writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "node", "x mm", "y mm", "z mm")?;
             for (node, displacement) in self.report_nodes.iter().zip(&self.displacement_mm) {
-                let [x, y, z] = displacement.map(rounded);
-                writeln!(f, "{node:>10} {x:>14.6} {y:>14.6} {z:>14.6}")?;
+                row(f, &node.to_string(), displacement)?;
             }
         }
         let phases = ["read", "check", "assembly", "factor", "solve", "total"].iter();
         let phases = phases.filter_map(|name| Some(format!("{name} {:.1}", 1e3 * self.seconds.get(name)?)));
         write!(f, "\nmilliseconds {}", phases.collect::<Vec<_>>().join(", "))
     }
+}
+
+fn row(f: &mut fmt::Formatter<'_>, name: &str, vector: &[f64; 3]) -> fmt::Result {
+    let [x, y, z] = vector.map(rounded);
+    writeln!(f, "{name:>10} {x:>14.6} {y:>14.6} {z:>14.6}")
 }
 
 /// Rounded to the decimals that are shown, so that nothing shows as a negative zero.

@@ -1,14 +1,17 @@
 //! From a problem file to a problem, and to its solution.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
 use super::error::{StaticsError, Wrong};
 use super::file::{FixSpec, ProblemFile};
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
+use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
+use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::tissue::material::{Material, Materials, MaterialsError};
 use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
+use crate::mechanics::tissue::rigid::RigidError;
 
 /// A static problem whose mesh is read and whose nodes are picked.
 #[derive(Clone, Debug)]
@@ -40,13 +43,11 @@ impl ProblemFile {
             ..ReadOptions::default()
         };
         let read = read_mesh(&base_dir.join(&self.mesh), &options).map_err(|error| self.fault("mesh", error))?;
-        if read.displacements.is_some() {
-            let name = self.mesh.display();
-            warnings.push(format!(
-                "{name} holds displacements, which are left out: the mesh at rest is solved for"
-            ));
-        }
+        warnings.extend(odd_in_file(&self.mesh, &read));
         let mesh = read.mesh;
+        let quality = Quality::of(&mesh, mesh.nodes());
+        quality.usable().map_err(|error| self.fault("mesh", error))?;
+        warnings.extend(odd_in_mesh(&quality));
         for region in materials
             .named_regions()
             .filter(|region| !mesh.regions().contains(region))
@@ -56,10 +57,14 @@ impl ProblemFile {
             ));
         }
         let (fixes, tables) = self.fixes(&mesh, &mut warnings)?;
+        let loads = self.loads(&mesh)?;
+        if loads.iter().all(|load| load.force_n == [0.0; 3]) && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
+            warnings.push("no force and no displacement is given: nothing moves".to_owned());
+        }
         Ok(Problem {
             materials,
             fixes,
-            loads: self.loads(&mesh)?,
+            loads,
             tables,
             report_nodes: self.numbered("report_nodes", &self.report_nodes, mesh.nodes().len())?,
             warnings,
@@ -159,6 +164,35 @@ impl ProblemFile {
     }
 }
 
+/// What may surprise about a mesh file that can be read.
+fn odd_in_file(name: &Path, read: &MeshFile) -> Vec<String> {
+    let left_out = read.displacements.as_ref().map(|_| {
+        format!(
+            "{} holds displacements, which are left out: the mesh at rest is solved for",
+            name.display()
+        )
+    });
+    read.warnings.iter().cloned().chain(left_out).collect()
+}
+
+/// What may surprise about a mesh that can be calculated on.
+fn odd_in_mesh(quality: &Quality) -> Vec<String> {
+    let mut odd = Vec::new();
+    if let [[first, other], ..] = quality.coincident_nodes[..] {
+        let pairs = quality.coincident_nodes.len();
+        odd.push(format!(
+            "nodes {first} and {other} lie in one place ({pairs} such pairs): nothing joins them"
+        ));
+    }
+    if let [_, second, ..] = quality.parts[..] {
+        let (parts, first) = (quality.parts.len(), second.first);
+        odd.push(format!(
+            "the mesh is in {parts} parts that do not touch; the second starts at tetrahedron {first}"
+        ));
+    }
+    odd
+}
+
 const AXES: [char; 3] = ['x', 'y', 'z'];
 
 impl Problem {
@@ -196,13 +230,28 @@ impl Problem {
         problem.solve().map_err(|error| self.blame(error))
     }
 
+    /// The force that each `[[fix]]` puts on the mesh, in sum, N; what two hold counts for the first.
+    pub fn reactions(&self, solution: &Solution) -> Vec<[f64; 3]> {
+        let mut holder = BTreeMap::new();
+        for (fix, table) in self.fixes.iter().zip(&self.tables) {
+            holder.entry((fix.node, fix.axis)).or_insert(*table);
+        }
+        let mut sums = vec![[0.0; 3]; self.file.fix.len()];
+        for reaction in &solution.reactions {
+            if let Some(&table) = holder.get(&(reaction.node, reaction.axis)) {
+                sums[table][reaction.axis as usize] += reaction.force_n;
+            }
+        }
+        sums
+    }
+
     /// The error with the key that it is about.
     fn blame(&self, error: SolveError) -> StaticsError {
         let key = match &error {
             SolveError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
             SolveError::Materials(_) => "material".to_owned(),
-            SolveError::Rigid(_) => "fix".to_owned(),
-            SolveError::Assembly(_) => "mesh".to_owned(),
+            SolveError::Rigid(RigidError::FreeParts { .. }) => "fix".to_owned(),
+            SolveError::Assembly(_) | SolveError::Rigid(RigidError::LooseNodes { .. }) => "mesh".to_owned(),
             // Numbers of nodes and axes are right here; what is left concerns all of the problem.
             _ => return StaticsError::new(Wrong::Solve(error)),
         };

@@ -56,10 +56,58 @@ fn a_problem_is_solved() {
     let top = report.displacement_mm[0];
     assert!(top[2] > 0.0 && report.max_displacement_mm >= top[2]);
     let text = report.to_string();
+    assert!(text.contains("36 nodes, 72 tetrahedra"), "{text}");
     assert!(
-        text.contains("36 nodes, 72 tetrahedra") && text.contains("0.000000, 0.000000, -0.001000 N"),
+        text.contains("fix[0]       0.000000       0.000000      -0.001000"),
         "{text}"
     );
+}
+
+#[test]
+fn the_example_has_every_key() {
+    let file = ProblemFile::parse(EXAMPLE, "press.toml").unwrap();
+    let material = |region, young_kpa| MaterialSpec {
+        region,
+        young_kpa,
+        poisson: 0.45,
+    };
+    assert_eq!(file.material, [material(None, 5.0), material(Some(2), 30.0)]);
+    assert_eq!((file.fix.len(), file.load.len()), (2, 1));
+    for key in [
+        "nodes = [",
+        "box_mm",
+        "axes",
+        "displacement_mm",
+        "force_n",
+        "region",
+        "report_nodes",
+    ] {
+        assert!(EXAMPLE.contains(key), "{key}");
+    }
+}
+
+#[test]
+fn reactions_are_those_of_each_fix() {
+    let pushed = format!("{GOOD}[[fix]]\nnodes = [34]\naxes = \"z\"\ndisplacement_mm = [0, 0, -0.5]\n");
+    let report = solve(&pushed).unwrap();
+    let [floor, tip] = report.reaction_n[..] else {
+        panic!("{report:?}")
+    };
+    assert!(tip[2] < 0.0 && (tip[0], tip[1]) == (0.0, 0.0));
+    assert!((floor[2] + tip[2] + 0.001).abs() < 1e-12, "{report:?}");
+    // A second fix of the same nodes holds nothing more.
+    let again = format!("{GOOD}[[fix]]\nbox_mm = [[-1, -1, 0], [9, 9, 0]]\n");
+    assert_eq!(solve(&again).unwrap().reaction_n[1], [0.0; 3]);
+}
+
+#[test]
+fn nothing_given_moves_nothing() {
+    let report = solve(&GOOD.replace("0.001]", "0]")).unwrap();
+    assert_eq!(
+        report.warnings,
+        ["no force and no displacement is given: nothing moves"]
+    );
+    assert_eq!((report.max_displacement_mm, report.residual), (0.0, 0.0));
 }
 
 #[test]

@@ -8,4 +8,5 @@ mod frames;
 mod gpu;
 mod meshes;
 mod reports;
+mod solve;
 mod support;

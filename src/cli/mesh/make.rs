@@ -1,20 +1,18 @@
 //! `insonify mesh make`: a tetrahedral mesh from a labelled volume.
 
 use std::fmt::Write;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
 use insonify::mechanics::mesh::file::write_vtu;
 use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
-use insonify::output::atomic::WriteError;
 use insonify::volume::complete::{CompleteOptions, complete};
 use insonify::volume::{Label, LabelVolume, load};
 use serde::Serialize;
 
 use crate::cli::failure::Failure;
-use crate::cli::terminal;
+use crate::cli::{terminal, vtu};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -92,7 +90,7 @@ struct Region {
 
 impl Make {
     pub fn run(&self) -> Result<(), Failure> {
-        self.check_output()?;
+        vtu::check(&self.output)?;
         let loaded = load(&self.volume)?;
         let mut warnings = loaded.warnings;
         let mut volume = loaded.volume;
@@ -136,26 +134,6 @@ impl Make {
             terminal::emit_json(&report)
         } else {
             terminal::emit(&report.table(&self.output))
-        }
-    }
-
-    /// Refuses an output that cannot be written before long work is done for it.
-    fn check_output(&self) -> Result<(), Failure> {
-        let named = self
-            .output
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("vtu"));
-        if !named {
-            let found = format!("{}: meshes are written as .vtu", self.output.display());
-            return Err(Failure::usage(found, "name the output with the ending .vtu"));
-        }
-        let folder = self.output.parent().filter(|folder| !folder.as_os_str().is_empty());
-        match folder {
-            Some(folder) if !folder.is_dir() => {
-                let cause = io::Error::from(io::ErrorKind::NotFound);
-                Err(WriteError::new(&self.output, cause).into())
-            }
-            _ => Ok(()),
         }
     }
 

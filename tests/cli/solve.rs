@@ -1,0 +1,322 @@
+//! `insonify solve`: what it prints and writes, and that whatever is wrong with a problem or its mesh ends with status 2, the
+//! line, and nothing written.
+
+use std::path::{Path, PathBuf};
+
+use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+
+use crate::support::Bench;
+
+/// Two tetrahedra on the triangle of nodes 0, 1 and 2, and on that of 1, 2 and 3.
+const CORNERS: [[f64; 3]; 5] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]];
+const TWO: [[usize; 4]; 2] = [[0, 1, 2, 3], [1, 2, 3, 4]];
+
+const PROBLEM: &str = "\
+mesh = \"m.msh\"
+report_nodes = [4, 0]
+[[material]]
+young_kpa = 5.0
+poisson = 0.3
+[[fix]]
+nodes = [0, 1, 2]
+[[load]]
+nodes = [4]
+force_n = [0, 0, 1e-5]
+";
+
+/// A Gmsh file (2.2, text) of tetrahedra; nodes are counted from 1 there.
+fn gmsh(nodes: &[[f64; 3]], elements: &[[usize; 4]]) -> String {
+    let mut text = format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{}\n", nodes.len());
+    for (number, [x, y, z]) in (1..).zip(nodes) {
+        text += &format!("{number} {x} {y} {z}\n");
+    }
+    text += &format!("$EndNodes\n$Elements\n{}\n", elements.len());
+    for (number, corners) in (1..).zip(elements) {
+        let [a, b, c, d] = corners.map(|node| node + 1);
+        text += &format!("{number} 4 2 1 1 {a} {b} {c} {d}\n");
+    }
+    text + "$EndElements\n"
+}
+
+/// A folder with the two tetrahedra and their problem.
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("m.msh", &gmsh(&CORNERS, &TWO));
+    bench.write("p.toml", PROBLEM);
+    bench
+}
+
+/// Checks that the problem is refused with its line, that all `words` are said, and that nothing is written.
+fn refused(bench: &Bench, problem: &str, line: usize, words: &[&str]) {
+    bench.write("p.toml", problem);
+    let before = bench.files(".");
+    let run = bench.run("solve p.toml --json -o out.vtu");
+    let place = format!("p.toml, line {line}");
+    run.fails(2, &[words, &[place.as_str()]].concat());
+    assert_eq!(bench.files("."), before, "{run:?}");
+}
+
+/// As [`refused`], of the mesh that line 1 names.
+fn unusable(nodes: &[[f64; 3]], elements: &[[usize; 4]], words: &[&str]) {
+    let bench = bench();
+    bench.write("m.msh", &gmsh(nodes, elements));
+    refused(&bench, PROBLEM, 1, words);
+}
+
+#[test]
+fn a_problem_is_solved() {
+    let bench = bench();
+    let found = bench.run("solve p.toml --json -o out.vtu").json();
+    assert_eq!((&found["nodes"], &found["elements"]), (&5.into(), &2.into()));
+    // A direct solution leaves a backward error of some rounding units.
+    assert!(found["residual"].as_f64().unwrap() < 1e-14);
+    let moved = &found["displacement_mm"];
+    assert_eq!(moved.as_array().unwrap().len(), 2);
+    assert_eq!(moved[1], serde_json::json!([0.0, 0.0, 0.0]));
+    assert!(moved[0][2].as_f64().unwrap() > 0.0);
+    assert!(found["max_displacement_mm"].as_f64().unwrap() >= moved[0][2].as_f64().unwrap());
+    for phase in ["read", "check", "assembly", "factor", "solve", "total"] {
+        assert!(found["seconds"][phase].as_f64().unwrap() >= 0.0, "{phase}");
+    }
+    let written = read_mesh(&bench.path("out.vtu"), &ReadOptions::default()).unwrap();
+    let written = written.displacements.unwrap();
+    let axis = |axis: usize| moved[0][axis].as_f64().unwrap();
+    assert_eq!(written[4], [axis(0), axis(1), axis(2)]);
+
+    let table = bench.run("solve p.toml");
+    assert!(table.text().contains("5 nodes, 2 tetrahedra"), "{table:?}");
+    assert!(table.stderr.is_empty(), "{table:?}");
+}
+
+#[test]
+fn the_example_runs_as_it_says() {
+    let bench = Bench::new();
+    let example = bench.run("solve --example").text().to_owned();
+    bench.write("press.toml", &example);
+    let commands = example.lines().filter_map(|line| line.strip_prefix("#   insonify "));
+    let mut made = 0;
+    for command in commands {
+        bench.run(command).text();
+        made += 1;
+    }
+    assert_eq!(made, 2, "{example}");
+    let found = bench.run("solve press.toml --json -o pressed.vtu").json();
+    assert_eq!(found["warnings"], serde_json::json!([]));
+    // The plate goes 6 mm down, and nothing much farther.
+    let farthest = found["max_displacement_mm"].as_f64().unwrap();
+    assert!((6.0..7.0).contains(&farthest), "{found}");
+    let [table, plate] = [0, 1].map(|fix| found["reaction_n"][fix][1].as_f64().unwrap());
+    assert!(plate > 0.0 && table < 0.0, "{found}");
+    assert!(read_mesh(&bench.path("pressed.vtu"), &ReadOptions::default()).is_ok());
+}
+
+#[test]
+fn the_schema_names_every_key() {
+    let bench = Bench::new();
+    let schema = bench.run("schema solve").json();
+    assert_eq!(schema, bench.run("schema problem").json());
+    for key in ["mesh", "region", "report_nodes", "material", "fix", "load"] {
+        assert!(schema["properties"][key].is_object(), "{key}");
+    }
+}
+
+#[test]
+fn wrong_arguments_are_status_2() {
+    let bench = bench();
+    bench.run("solve").fails(2, &["PROBLEM.toml"]);
+    bench.run("solve none.toml").fails(2, &["none.toml"]);
+    bench.run("solve p.toml -o out.vtk").fails(2, &["out.vtk", ".vtu"]);
+    bench.run("solve p.toml --example").fails(2, &["--example"]);
+    bench.run("solve p.toml -o none/out.vtu").fails(1, &["none/out.vtu"]);
+    assert_eq!(bench.files("."), ["m.msh", "p.toml", "scene.toml"]);
+}
+
+#[test]
+fn slips_are_corrected() {
+    let bench = bench();
+    refused(
+        &bench,
+        &PROBLEM.replace("poisson", "poison"),
+        5,
+        &["unknown key `poison`", "`poisson`"],
+    );
+    refused(
+        &bench,
+        &PROBLEM.replace("[[fix]]", "[[fixed]]"),
+        6,
+        &["`fixed`", "`fix`"],
+    );
+    refused(
+        &bench,
+        &PROBLEM.replace("[[fix]]\n", "[[fix]]\nforce_n = [0, 0, 1]\n"),
+        7,
+        &["`force_n`", "[[load]]"],
+    );
+    refused(&bench, &PROBLEM.replace("5.0", "\"soft\""), 4, &["soft", "expected"]);
+    refused(&bench, &PROBLEM.replace("m.msh", "n.msh"), 1, &["n.msh"]);
+}
+
+#[test]
+fn wrong_materials_are_refused() {
+    let bench = bench();
+    for poisson in ["0.5", "0.7", "-1", "-2.5", "nan"] {
+        refused(
+            &bench,
+            &PROBLEM.replace("0.3", poisson),
+            5,
+            &["poisson", "above -1 and below 0.5"],
+        );
+    }
+    for young in ["0", "-5", "inf", "nan"] {
+        refused(&bench, &PROBLEM.replace("5.0", young), 4, &["young_kpa", "above 0"]);
+    }
+    let only = PROBLEM.replace("[[material]]\n", "[[material]]\nregion = 7\n");
+    refused(&bench, &only, 3, &["no material for region 1 (2 tetrahedra)"]);
+    for poisson in ["0", "-0.3", "0.4999"] {
+        bench.write("p.toml", &PROBLEM.replace("0.3", poisson));
+        bench.run("solve p.toml").text();
+    }
+}
+
+#[test]
+fn wrong_fixes_and_loads_are_refused() {
+    let bench = bench();
+    let fixed = |with: &str| PROBLEM.replace("nodes = [0, 1, 2]", with);
+    refused(
+        &bench,
+        &fixed("nodes = [0, 1, 5]"),
+        7,
+        &["node 5", "5 nodes, numbered from 0"],
+    );
+    refused(&bench, &fixed("nodes = [0, 1, -1]"), 7, &["node -1"]);
+    refused(&bench, &fixed("nodes = [0]\naxes = \"xq\""), 8, &["xq", "x, y and z"]);
+    refused(
+        &bench,
+        &fixed("box_mm = [[2, 2, 2], [3, 3, 3]]"),
+        7,
+        &["no node in this box", "0 to 1 mm"],
+    );
+    refused(&bench, &PROBLEM.replace("nodes = [4]", "nodes = [99]"), 9, &["node 99"]);
+    refused(
+        &bench,
+        &PROBLEM.replace("[4, 0]", "[4, 17]"),
+        2,
+        &["report_nodes[1]", "node 17"],
+    );
+    refused(&bench, &PROBLEM.replace("1e-5", "nan"), 10, &["force_n", "finite"]);
+    let twice = format!("{PROBLEM}[[fix]]\nnodes = [2]\ndisplacement_mm = [0, 0.5, 0]\n");
+    refused(&bench, &twice, 11, &["node 2 is fixed at both 0 mm and 0.5 mm along y"]);
+}
+
+#[test]
+fn free_rigid_motion_is_named() {
+    let bench = bench();
+    let fixed = |with: &str| PROBLEM.replace("nodes = [0, 1, 2]", with);
+    refused(&bench, &fixed("nodes = [0]"), 6, &["rotation"]);
+    refused(&bench, &fixed("nodes = [0, 1]"), 6, &["rotation about"]);
+    refused(
+        &bench,
+        &fixed("nodes = [0, 1, 2]\naxes = \"xy\""),
+        6,
+        &["translation along z"],
+    );
+    let none = PROBLEM.replace("[[fix]]\nnodes = [0, 1, 2]\n", "");
+    bench.write("p.toml", &none);
+    let run = bench.run("solve p.toml -o out.vtu");
+    run.fails(2, &["p.toml", "translation along x", "rotation"]);
+    assert_eq!(bench.files("."), ["m.msh", "p.toml", "scene.toml"]);
+}
+
+#[test]
+fn unusable_meshes_are_refused() {
+    unusable(&CORNERS, &[TWO[0], [1, 2, 4, 3]], &["tetrahedron 1 is inverted"]);
+    let mut flat = CORNERS;
+    flat[4] = [0.5, 0.5, 0.0];
+    unusable(&flat, &TWO, &["tetrahedron 1 is flat"]);
+    unusable(&CORNERS, &[TWO[0], TWO[1], [4, 3, 2, 1]], &["2", "1, 2, 3"]);
+    unusable(&CORNERS, &[TWO[0], [4, 3, 3, 1]], &["tetrahedron 1", "node 3 twice"]);
+    let apart = [[0, 1, 2, 3], [0, 1, 2, 3]];
+    unusable(&CORNERS[..4], &apart, &["tetrahedron 1 is there a second time"]);
+    let mut nan = CORNERS;
+    nan[3][1] = f64::NAN;
+    unusable(&nan, &TWO, &["m.msh", "NaN"]);
+    let spare = [&CORNERS[..], &[[5.0; 3]]].concat();
+    unusable(&spare, &TWO, &["a node of no tetrahedron", ": 5;"]);
+    unusable(&CORNERS, &[TWO[0], [1, 2, 3, 7]], &["m.msh"]);
+}
+
+#[test]
+fn an_isolated_element_moves_freely_unless_held() {
+    let bench = bench();
+    let away = CORNERS[..4].iter().map(|p| p.map(|x| x + 3.0));
+    let nodes: Vec<_> = CORNERS.iter().copied().chain(away).collect();
+    bench.write("m.msh", &gmsh(&nodes, &[TWO[0], TWO[1], [5, 6, 7, 8]]));
+    refused(
+        &bench,
+        PROBLEM,
+        6,
+        &["the part with node 5 (4 nodes, region 1)", "translation along x"],
+    );
+    bench.write("p.toml", &PROBLEM.replace("[0, 1, 2]", "[0, 1, 2, 5, 6, 7]"));
+    let run = bench.run("solve p.toml");
+    run.text();
+    assert!(run.stderr.contains("2 parts that do not touch"), "{run:?}");
+}
+
+#[test]
+fn a_failed_run_leaves_an_older_output() {
+    let bench = bench();
+    bench.write("out.vtu", "older");
+    bench.write("p.toml", &PROBLEM.replace("[0, 1, 2]", "[0]"));
+    bench.run("solve p.toml -o out.vtu").fails(2, &["rotation"]);
+    assert_eq!(std::fs::read_to_string(bench.path("out.vtu")).unwrap(), "older");
+}
+
+/// A file of the shared data, if it is there.
+fn data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/meshes")).join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("SKIPPED: {} is not there", path.display());
+    None
+}
+
+/// Liver, kidney and gallbladder of their own materials, held from behind and pressed on: the same answer from every format.
+#[test]
+fn real_organs_deform_alike_from_every_format() {
+    let names = ["DERIVED_s0328_3organ_tet.vtu", "DERIVED_s0328_3organ_tet_v41_ascii.msh"];
+    let mut answers = Vec::new();
+    for name in names {
+        let Some(path) = data(name) else { return };
+        let mesh = read_mesh(&path, &ReadOptions::default()).unwrap().mesh;
+        let [low, high] = mesh.bounds();
+        let third = low[1] + 0.4 * (high[1] - low[1]);
+        let region = |region: i32, young: f64, poisson: f64| {
+            format!("[[material]]\nregion = {region}\nyoung_kpa = {young}\npoisson = {poisson}\n")
+        };
+        let problem = format!(
+            "mesh = '{}'\n{}{}{}[[fix]]\nbox_mm = [[-inf, {third}, -inf], [inf, inf, inf]]\n\
+             [[load]]\nbox_mm = [[-inf, -inf, -inf], [inf, {third}, inf]]\nforce_n = [0, 1e-4, 0]\n",
+            path.display(),
+            region(5, 6.0, 0.45),
+            region(2, 10.0, 0.49),
+            region(4, 1.0, 0.3),
+        );
+        let bench = Bench::new();
+        bench.write("organs.toml", &problem);
+        let found = bench.run("solve organs.toml --json -o organs.vtu").json();
+        assert_eq!((&found["nodes"], &found["elements"]), (&5430.into(), &21727.into()));
+        assert!(found["residual"].as_f64().unwrap() < 1e-12, "{}", found["residual"]);
+        let written = read_mesh(&bench.path("organs.vtu"), &ReadOptions::default()).unwrap();
+        assert_eq!(written.mesh.nodes(), mesh.nodes());
+        // The reactions balance the load, node by node of the box.
+        let loaded = mesh.nodes().iter().filter(|p| p[1] <= third).count() as f64 * 1e-4;
+        let reaction = found["reaction_n"][0][1].as_f64().unwrap();
+        assert!((reaction + loaded).abs() < 1e-9 * loaded, "{reaction} {loaded}");
+        let farthest = found["max_displacement_mm"].as_f64().unwrap();
+        assert!(farthest > 0.0 && farthest.is_finite());
+        answers.push(farthest);
+    }
+    assert!((answers[0] / answers[1] - 1.0).abs() < 1e-6, "{answers:?}");
+}
