@@ -1,0 +1,129 @@
+//! Static finite elements at the size of a detailed training model: 3,328 nodes, 16,200 tetrahedra, 9,360 free degrees of
+//! freedom. Assembly, ordering and factorisation, and solutions, on one thread.
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use faer::Mat;
+use insonify::mechanics::mesh::TetMesh;
+use insonify::mechanics::tissue::assembly::Stiffness;
+use insonify::mechanics::tissue::dofs::Dofs;
+use insonify::mechanics::tissue::factor::Factor;
+use insonify::mechanics::tissue::material::{Material, Materials};
+use insonify::mechanics::tissue::problem::{Fix, Load, StaticProblem};
+use nalgebra::Matrix4;
+
+/// Cells of the lattice, of 10 mm each.
+const CELLS: [usize; 3] = [15, 15, 12];
+
+/// A block held at one face.
+struct Block {
+    mesh: TetMesh,
+    materials: Vec<Material>,
+    dofs: Dofs,
+    held: Vec<(u32, u8)>,
+}
+
+fn block() -> Block {
+    let [x, y, z] = CELLS.map(|cells| 10.0 * cells as f64);
+    let to_world = Matrix4::from_diagonal(&[x, y, z, 1.0].into());
+    let mesh = TetMesh::lattice(CELLS, &to_world).expect("a lattice");
+    let face = (0..).zip(mesh.nodes()).filter(|(_, position)| position[1] == 0.0);
+    let held: Vec<(u32, u8)> = face.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect();
+    Block {
+        materials: vec![soft(); mesh.elements().len()],
+        dofs: Dofs::new(mesh.nodes().len(), held.iter().copied()),
+        held,
+        mesh,
+    }
+}
+
+fn soft() -> Material {
+    Material::new(5.0, 0.45).expect("a material")
+}
+
+fn stiffness(block: &Block) -> Stiffness {
+    Stiffness::assemble(&block.mesh, &block.materials, &block.dofs).expect("a sound mesh")
+}
+
+fn assembly(criterion: &mut Criterion) {
+    let block = block();
+    let assembled = stiffness(&block);
+    let mut group = criterion.benchmark_group("tissue/assembly");
+    group.bench_function("from the mesh", |bencher| bencher.iter(|| stiffness(black_box(&block))));
+    group.bench_function("nodes moved", |bencher| {
+        bencher.iter(|| assembled.at_nodes(black_box(block.mesh.nodes())).expect("a sound mesh"));
+    });
+    group.finish();
+}
+
+fn factor(criterion: &mut Criterion) {
+    let stiffness = stiffness(&block());
+    let mut factor = Factor::new(&stiffness).expect("positive definite");
+    let mut group = criterion.benchmark_group("tissue/factor");
+    group.bench_function("ordering and factorisation", |bencher| {
+        bencher.iter(|| Factor::new(black_box(&stiffness)).expect("positive definite"));
+    });
+    group.bench_function("factorisation", |bencher| {
+        bencher.iter(|| factor.refactor(black_box(&stiffness)).expect("positive definite"));
+    });
+    group.finish();
+}
+
+fn solve(criterion: &mut Criterion) {
+    let stiffness = stiffness(&block());
+    let factor = Factor::new(&stiffness).expect("positive definite");
+    let size = factor.size();
+    let load = |row: usize, column: usize| 1e-3 * ((row + 7 * column) % 11) as f64;
+    let mut group = criterion.benchmark_group("tissue/solve");
+    group.bench_function("one load", |bencher| {
+        let loads: Vec<f64> = (0..size).map(|row| load(row, 0)).collect();
+        let fresh = || loads.clone();
+        bencher.iter_batched_ref(fresh, |rhs| factor.solve_in_place(rhs), BatchSize::LargeInput);
+    });
+    group.bench_function("one load, with residual", |bencher| {
+        let loads: Vec<f64> = (0..size).map(|row| load(row, 0)).collect();
+        bencher.iter(|| factor.solve_refined(&stiffness, black_box(&loads)));
+    });
+    for columns in [24, 60] {
+        let loads = Mat::from_fn(size, columns, load);
+        group.bench_function(format!("{columns} loads"), |bencher| {
+            let fresh = || loads.clone();
+            bencher.iter_batched_ref(
+                fresh,
+                |rhs| factor.solve_many_in_place(rhs.as_mut()),
+                BatchSize::LargeInput,
+            );
+        });
+    }
+    group.finish();
+}
+
+fn problem(criterion: &mut Criterion) {
+    let block = block();
+    let fix = |&(node, axis): &(u32, u8)| Fix {
+        node,
+        axis,
+        displacement_mm: 0.0,
+    };
+    let problem = StaticProblem {
+        mesh: &block.mesh,
+        materials: Materials::uniform(soft()),
+        fixes: block.held.iter().map(fix).collect(),
+        loads: vec![Load {
+            node: block.mesh.nodes().len() as u32 - 1,
+            force_n: [0.0, 0.01, 0.0],
+        }],
+    };
+    criterion.bench_function("tissue/problem", |bencher| {
+        bencher.iter(|| problem.solve().expect("solvable"))
+    });
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20).measurement_time(Duration::from_secs(4));
+    targets = assembly, factor, solve, problem
+}
+criterion_main!(benches);
