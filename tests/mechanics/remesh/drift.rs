@@ -23,7 +23,10 @@ fn the_exact_level_does_not_drift() {
             let [found, bound] = condensed_error(&adaptation);
             assert!(found <= bound, "nu {poisson} after {count}: {found:e} > {bound:e}");
         }
-        assert!(poisson > 0.45 || rebuilt == 0, "usual tissue needs no rebuild, {rebuilt} found");
+        assert!(
+            poisson > 0.45 || rebuilt == 0,
+            "usual tissue needs no rebuild, {rebuilt} found"
+        );
     }
 }
 
@@ -36,7 +39,11 @@ fn level_one_gathers_rounding() {
     let mut adaptation = follow(mesh, source, Level::I, Precision::Double, Options::default());
     let reports = go(&mut adaptation, &nodes, 0, 300);
     let [found, bound] = condensed_error(&adaptation);
-    assert!(found <= reports.len() as f64 * bound, "{found:e} > {} x {bound:e}", reports.len());
+    assert!(
+        found <= reports.len() as f64 * bound,
+        "{found:e} > {} x {bound:e}",
+        reports.len()
+    );
     assert!(reports.iter().all(|report| report.rebuilt.is_none()));
 }
 
@@ -46,12 +53,19 @@ fn level_one_gathers_rounding() {
 fn level_one_in_single_precision_is_refreshed_before_it_is_lost() {
     let mesh = mesh(0.499);
     let nodes: Vec<u32> = free_nodes(&mesh).into_iter().step_by(9).collect();
-    let options = Options { single_poisson_limit: 0.5, check_every: 1, ..Options::default() };
+    let options = Options {
+        single_poisson_limit: 0.5,
+        check_every: 1,
+        ..Options::default()
+    };
     let mut adaptation = follow(mesh.clone(), single(&mesh), Level::I, Precision::Single, options);
     let reports = go(&mut adaptation, &nodes, 0, 150);
     assert!(reports.iter().any(|report| report.rebuilt.is_some()), "drift unseen");
     let [found, _] = condensed_error(&adaptation);
-    let careless = Options { check_every: 0, ..options };
+    let careless = Options {
+        check_every: 0,
+        ..options
+    };
     let mut unwatched = follow(mesh.clone(), single(&mesh), Level::I, Precision::Single, careless);
     go(&mut unwatched, &nodes, 0, 150);
     let [lost, _] = condensed_error(&unwatched);
@@ -63,7 +77,13 @@ fn a_thousand_ways_out_and_back_end_at_the_start() {
     let mesh = mesh(0.45);
     let nodes: Vec<u32> = free_nodes(&mesh).into_iter().step_by(9).collect();
     let source = source(&mesh);
-    let mut exact = follow(mesh.clone(), source.clone(), Level::Exact, Precision::Double, Options::default());
+    let mut exact = follow(
+        mesh.clone(),
+        source.clone(),
+        Level::Exact,
+        Precision::Double,
+        Options::default(),
+    );
     let mut first = follow(mesh, source, Level::I, Precision::Double, Options::default());
     let before = exact.remesher().condensed().to_owned();
     for round in 0..1000 {
@@ -71,7 +91,11 @@ fn a_thousand_ways_out_and_back_end_at_the_start() {
         while let Some(report) = exact.undo().unwrap() {
             assert_eq!(report.held, exact.mesh().support().count());
         }
-        assert_eq!(exact.remesher().condensed(), before.as_ref(), "round {round}: bit for bit");
+        assert_eq!(
+            exact.remesher().condensed(),
+            before.as_ref(),
+            "round {round}: bit for bit"
+        );
         if round < 200 {
             go(&mut first, &nodes, round, round + 1);
             first.undo().unwrap();
@@ -95,7 +119,10 @@ fn lower_levels_stay_definite_and_going_up_is_a_rebuild() {
             let condensed = adaptation.remesher().condensed();
             assert!(condensed.llt(faer::Side::Lower).is_ok(), "{level} after {n}");
         }
-        assert!(matches!(adaptation.remesher().state(), State::Approximate { .. } | State::Current));
+        assert!(matches!(
+            adaptation.remesher().state(),
+            State::Approximate { .. } | State::Current
+        ));
         adaptation.switch(Level::I, Precision::Double).unwrap();
         assert_eq!(adaptation.remesher().state(), State::Current);
         let [found, bound] = condensed_error(&adaptation);

@@ -1,12 +1,17 @@
 //! A needle that goes in and comes out: corners chosen at the tip, moved and taken back, constraints switched on the way.
 
-use faer::Mat;
-use faer::linalg::solvers::{Solve, Llt};
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, MatRef};
+use insonify::mechanics::tissue::condensed::{Condensed, Contact};
+use insonify::mechanics::tissue::dofs::Dofs;
+use insonify::mechanics::tissue::frames::Frame;
+use insonify::mechanics::tissue::remesh::adaptation::AdaptError;
 use insonify::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
-use insonify::mechanics::tissue::remesh::{AdaptedMesh, Adaptation, AdaptError, Level, Options, Precision, RefusedMove};
-use insonify::mechanics::tissue::switching::Switching;
+use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision, RefusedMove};
+use insonify::mechanics::tissue::switching::{ConstraintSolver, PIVOT_LIMIT, Pivots, Prescribed};
+use insonify::mechanics::tissue::symmetric::Symmetric;
 
-use super::support::{condensed_error, contacts, dense, error, follow, free_nodes, go, gold, mesh, part, rounding, source};
+use super::support::{condensed_error, contacts, dense, follow, free_nodes, go, gold, mesh, part, rounding, source};
 
 /// The element that holds a point of the current mesh, and the coordinates there.
 fn locate(mesh: &AdaptedMesh, p: [f64; 3]) -> Option<u32> {
@@ -37,7 +42,9 @@ fn insert(adaptation: &mut Adaptation, steps: usize) -> Vec<u32> {
     let mut taken: Vec<u32> = Vec::new();
     for step in 0..steps {
         let mesh = adaptation.mesh();
-        let Some(element) = locate(mesh, tip(step)) else { continue };
+        let Some(element) = locate(mesh, tip(step)) else {
+            continue;
+        };
         // On a node that holds the needle already there is nothing to move.
         match best_corner(mesh, element, tip(step), |node| taken.contains(&node)) {
             Ok(corner) => {
@@ -56,7 +63,10 @@ fn insertion_is_followed_exactly_and_retraction_ends_where_it_began() {
     let mesh = mesh(0.45);
     let source = source(&mesh);
     let mut adaptation = follow(mesh, source, Level::Exact, Precision::Double, Options::default());
-    let before = (adaptation.mesh().nodes().to_vec(), adaptation.remesher().condensed().to_owned());
+    let before = (
+        adaptation.mesh().nodes().to_vec(),
+        adaptation.remesher().condensed().to_owned(),
+    );
     for _ in 0..3 {
         let moved = insert(&mut adaptation, 25);
         assert!(moved.len() > 5, "{moved:?}");
@@ -65,7 +75,10 @@ fn insertion_is_followed_exactly_and_retraction_ends_where_it_began() {
         let [found, bound] = condensed_error(&adaptation);
         assert!(found <= bound, "{found:e} > {bound:e}");
         while adaptation.undo().unwrap().is_some() {}
-        assert_eq!((adaptation.mesh().nodes(), adaptation.remesher().condensed()), (&before.0[..], before.1.as_ref()));
+        assert_eq!(
+            (adaptation.mesh().nodes(), adaptation.remesher().condensed()),
+            (&before.0[..], before.1.as_ref())
+        );
     }
 }
 
@@ -95,17 +108,32 @@ fn moves_that_spoil_the_mesh_are_refused_at_every_level_and_nothing_changes() {
         let mut adaptation = follow(mesh, source, level, Precision::Double, Options::default());
         let free = free_nodes(adaptation.mesh());
         go(&mut adaptation, &free, 0, 3);
-        let state = |a: &Adaptation| (a.mesh().nodes().to_vec(), a.mesh().step(), a.remesher().condensed().to_owned());
+        let state = |a: &Adaptation| {
+            (
+                a.mesh().nodes().to_vec(),
+                a.mesh().step(),
+                a.remesher().condensed().to_owned(),
+            )
+        };
         let before = state(&adaptation);
         let node = free[30];
         let far = adaptation.mesh().nodes()[node as usize].map(|x| x + 50.0);
         let refused = adaptation.move_node(node, far);
-        assert!(matches!(refused, Err(AdaptError::Move(RefusedMove::Element { .. }))), "{level}: {refused:?}");
+        assert!(
+            matches!(refused, Err(AdaptError::Move(RefusedMove::Element { .. }))),
+            "{level}: {refused:?}"
+        );
         let count = adaptation.mesh().nodes().len() as u32;
-        assert!(matches!(adaptation.restore(count), Err(AdaptError::Move(RefusedMove::Node { .. }))));
+        assert!(matches!(
+            adaptation.restore(count),
+            Err(AdaptError::Move(RefusedMove::Node { .. }))
+        ));
         let size = adaptation.mesh().dofs().free();
         assert!(adaptation.parts().1.set_contacts(&[size]).is_err(), "a contact outside");
-        assert!(adaptation.parts().1.set_contacts(&[1, 1]).is_err(), "a contact named twice");
+        assert!(
+            adaptation.parts().1.set_contacts(&[1, 1]).is_err(),
+            "a contact named twice"
+        );
         assert_eq!(state(&adaptation), before, "{level}");
         // And the remesher still follows.
         go(&mut adaptation, &free, 3, 4);
@@ -121,30 +149,109 @@ fn the_field_from_condensed_forces_is_the_full_solution() {
     let source = source(&mesh);
     let size = mesh.dofs().free();
     for level in [Level::I, Level::Exact] {
-        let mut adaptation = follow(mesh.clone(), source.clone(), level, Precision::Double, Options::default());
+        let mut adaptation = follow(
+            mesh.clone(),
+            source.clone(),
+            level,
+            Precision::Double,
+            Options::default(),
+        );
         go(&mut adaptation, &nodes, 0, 20);
         let contacts = contacts(adaptation.mesh());
         let forces: Vec<f64> = (0..contacts.len()).map(|i| 0.1 * (i as f64).sin()).collect();
         let mut load = Mat::zeros(size, 1);
-        contacts.iter().zip(&forces).for_each(|(dof, force)| load[(*dof, 0)] = *force);
+        contacts
+            .iter()
+            .zip(&forces)
+            .for_each(|(dof, force)| load[(*dof, 0)] = *force);
         let stiffness = mesh.stiffness().at_nodes(adaptation.mesh().nodes()).unwrap();
-        let solved = Llt::new(dense(&stiffness).as_ref(), faer::Side::Lower).unwrap().solve(&load);
+        let solved = Llt::new(dense(&stiffness).as_ref(), faer::Side::Lower)
+            .unwrap()
+            .solve(&load);
         let mut u = vec![0.0; size];
         adaptation.parts().1.displacement(&forces, &mut u).unwrap();
         let bound = rounding(adaptation.mesh(), gold(adaptation.mesh()).as_ref()) * contacts.len() as f64;
-        let worst = u.iter().enumerate().fold(0.0, |a: f64, (i, u)| a.max((u - solved[(i, 0)]).abs()));
+        let worst = u
+            .iter()
+            .enumerate()
+            .fold(0.0, |a: f64, (i, u)| a.max((u - solved[(i, 0)]).abs()));
         assert!(worst <= bound * solved.norm_max(), "{level}: {worst:e}");
         // Its part at the contacts is K^c f.
         let at_contacts = adaptation.remesher().condensed() * Mat::from_fn(forces.len(), 1, |i, _| forces[i]);
         for (at, dof) in contacts.iter().enumerate() {
-            assert!((u[*dof] - at_contacts[(at, 0)]).abs() <= bound * solved.norm_max(), "{level}: contact {at}");
+            assert!(
+                (u[*dof] - at_contacts[(at, 0)]).abs() <= bound * solved.norm_max(),
+                "{level}: contact {at}"
+            );
         }
     }
+}
+
+/// K^c as the constraint switching takes it: its own small compliance.
+fn condensed(matrix: MatRef<'_, f64>) -> Condensed {
+    let nodes = matrix.nrows() / 3;
+    let dofs = Dofs::new(nodes, []);
+    let frame = Frame::WORLD;
+    let contacts: Vec<Contact> = (0..nodes as u32).map(|node| Contact { node, frame }).collect();
+    let mut compliance = Symmetric::<f64>::from_fn(matrix.nrows(), |i, j| matrix[(i, j)]);
+    let mut condensed = Condensed::new();
+    condensed.add(&mut compliance, &dofs, &contacts).unwrap();
+    condensed
 }
 
 /// K^c after remeshes with some contacts held in place: what the constraint switching makes of it equals what it makes of the
 /// rebuilt inverse.
 #[test]
 fn constraints_are_switched_on_what_remeshing_leaves() {
-    SWITCHING
+    let mesh = mesh(0.45);
+    let nodes = free_nodes(&mesh);
+    let source = source(&mesh);
+    let mut adaptation = follow(mesh, source, Level::Exact, Precision::Double, Options::default());
+    let count = adaptation.remesher().contacts().len();
+    let values: Vec<f64> = (0..count).map(|i| 0.3 * (i as f64 + 1.0).sin()).collect();
+    let mut prescribed = vec![Prescribed::Force; count];
+    let mut solver: Option<Pivots> = None;
+    for round in 0..8 {
+        go(&mut adaptation, &nodes, 4 * round, 4 * round + 4);
+        // Three more contacts are held, and an earlier one let go.
+        for k in 0..3 {
+            prescribed[(7 * round as usize + 2 * k) % count] = Prescribed::Displacement;
+        }
+        prescribed[(5 * round as usize) % count] = Prescribed::Force;
+        let now = condensed(adaptation.remesher().condensed());
+        match &mut solver {
+            Some(solver) => solver.replace(&now, &prescribed).unwrap(),
+            None => {
+                let mut pivots = Pivots::new(&now, PIVOT_LIMIT).unwrap();
+                let changes: Vec<_> = prescribed.iter().copied().enumerate().collect();
+                pivots.switch(&changes).unwrap();
+                solver = Some(pivots);
+            }
+        }
+        let state = solver.as_mut().unwrap().solve(&values).unwrap();
+
+        // u_D = K_DD f_D + K_DF f_F for the rebuilt inverse.
+        let gold = gold(adaptation.mesh());
+        let contacts = adaptation.remesher().contacts();
+        let k = part(gold.as_ref(), contacts, contacts);
+        let held: Vec<usize> = (0..count)
+            .filter(|i| prescribed[*i] == Prescribed::Displacement)
+            .collect();
+        let free: Vec<usize> = (0..count).filter(|i| prescribed[*i] == Prescribed::Force).collect();
+        let rest = Mat::from_fn(held.len(), 1, |i, _| {
+            values[held[i]] - free.iter().map(|j| k[(held[i], *j)] * values[*j]).sum::<f64>()
+        });
+        let own = part(k.as_ref(), &held, &held);
+        let factor = Llt::new(own.as_ref(), faer::Side::Lower).unwrap();
+        let forces = factor.solve(&rest);
+        let condition = own.norm_l1() * factor.inverse().norm_l1();
+        let bound = rounding(adaptation.mesh(), gold.as_ref()) * condition * forces.norm_max();
+        for (at, dof) in held.iter().enumerate() {
+            assert!(
+                (state.force_n[*dof] - forces[(at, 0)]).abs() <= bound,
+                "round {round}, contact {dof}"
+            );
+            assert_eq!(state.displacement_mm[*dof], values[*dof]);
+        }
+    }
 }

@@ -8,9 +8,7 @@ use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::tissue::assembly::Stiffness;
 use insonify::mechanics::tissue::dofs::{Dofs, NONE};
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{
-    AdaptedMesh, Adaptation, Level, Options, Precision, RemeshReport, Source,
-};
+use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision, RemeshReport, Source};
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
 /// Edges of the lattice cells, mm.
