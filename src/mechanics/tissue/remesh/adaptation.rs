@@ -96,10 +96,19 @@ impl Adaptation {
         if same_kind && precision == self.remesher.precision() {
             return self.remesher.set_level(&self.mesh, level);
         }
-        let mut next = make(level, precision, &self.source, &self.mesh, self.options)?;
+        let next = make(level, precision, &self.source, &self.mesh, self.options)?;
+        self.replace(next)?;
+        Ok(None)
+    }
+
+    /// Puts another remesher, which follows the mesh as it is now, in place of the one at hand. Contacts and moves stay.
+    ///
+    /// # Errors
+    /// [`RemeshError`]; the remesher is then what it was.
+    pub fn replace(&mut self, mut next: Box<dyn Remesher>) -> Result<(), RemeshError> {
         next.set_contacts(self.remesher.contacts())?;
         self.remesher = next;
-        Ok(None)
+        Ok(())
     }
 
     /// Makes a prepared base that of the mesh: see [`rebase`](super::rebase).

@@ -45,6 +45,9 @@ pub enum RemeshError {
     /// Entries of the compliance cannot be had.
     #[error(transparent)]
     Compliance(#[from] ComplianceError),
+    /// The device that holds the inverse has failed. Make another remesher.
+    #[error("the device that holds the inverse has failed: {0}")]
+    Device(String),
     /// The remesher does not work at this level.
     #[error("this remesher works at level {offered} and the like, not at {asked}; make another")]
     Level {

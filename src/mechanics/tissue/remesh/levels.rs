@@ -20,6 +20,7 @@
 //! columns against the true stiffness is watched, and the inverse rebuilt where it passes a limit.
 
 mod inverse;
+mod store;
 mod watch;
 
 use std::sync::Arc;
@@ -29,17 +30,21 @@ use faer::{Mat, MatRef};
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
-use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs, check_shape};
+use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use inverse::Inverse;
+pub use store::{Host, Store, Which};
 use watch::suits;
 
-/// A dense inverse that follows at one of the levels I to IV. Works on the threads of the current rayon pool; the result does
-/// not depend on how many there are.
+/// A dense inverse in the memory of this processor that follows at one of the levels I to IV. Works on the threads of the
+/// current rayon pool; the result does not depend on how many there are.
+pub type Levels<T> = Following<Host<T>>;
+
+/// A dense inverse, kept in a [`Store`], that follows at one of the levels I to IV.
 #[derive(Debug)]
-pub struct Levels<T> {
-    inverse: Inverse<T>,
+pub struct Following<S> {
+    inverse: Inverse<S>,
     level: Level,
     options: Options,
     contacts: Vec<usize>,
@@ -62,16 +67,31 @@ impl<T: Entry> Levels<T> {
         level: Level,
         options: Options,
     ) -> Result<Levels<T>, RemeshError> {
+        Following::start(mesh, Host::new(base), level, options)
+    }
+
+    /// The inverse at hand.
+    pub fn inverse(&self) -> &Symmetric<T> {
+        &self.inverse.store.current
+    }
+}
+
+impl<S: Store> Following<S> {
+    /// Follows `mesh` from its current state at `level`, I to IV. `store` holds the inverse of its base, unchanged.
+    ///
+    /// # Errors
+    /// As [`Levels::new`].
+    pub fn start(mesh: &AdaptedMesh, store: S, level: Level, options: Options) -> Result<Self, RemeshError> {
         if level == Level::Exact {
             return Err(RemeshError::Level {
                 asked: level,
                 offered: Level::I,
             });
         }
-        check_shape("rows of the inverse", base.size(), mesh.dofs().free())?;
-        suits(mesh, level, T::PRECISION, &options)?;
-        let mut levels = Levels {
-            inverse: Inverse::new(base),
+        check_shape("rows of the inverse", store.size(), mesh.dofs().free())?;
+        suits(mesh, level, store.precision(), &options)?;
+        let mut levels = Following {
+            inverse: Inverse::new(store),
             level,
             options,
             contacts: Vec::new(),
@@ -87,9 +107,9 @@ impl<T: Entry> Levels<T> {
         Ok(levels)
     }
 
-    /// The inverse at hand.
-    pub fn inverse(&self) -> &Symmetric<T> {
-        &self.inverse.current
+    /// Where the inverse is kept.
+    pub fn store(&mut self) -> &mut S {
+        &mut self.inverse.store
     }
 
     /// How often the inverse was rebuilt from the base.
@@ -97,8 +117,8 @@ impl<T: Entry> Levels<T> {
         self.rebuilds
     }
 
-    fn read_condensed(&mut self) -> Result<(), ComplianceError> {
-        self.condensed = self.inverse.current.entries(&self.contacts, &self.contacts)?;
+    fn read_condensed(&mut self) -> Result<(), RemeshError> {
+        self.condensed = self.inverse.store.entries(&self.contacts, &self.contacts)?;
         Ok(())
     }
 
@@ -122,7 +142,7 @@ impl<T: Entry> Levels<T> {
             residual: None,
             rebuilt: Some(reason),
             rebuild_failed: false,
-            bytes_moved: 3 * self.inverse.current.bytes() + self.inverse.columns_bytes(rank),
+            bytes_moved: 3 * self.inverse.store.bytes() + self.inverse.columns_bytes(rank),
         }
     }
 }
@@ -139,7 +159,7 @@ fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usiz
     }
 }
 
-impl<T: Entry> Remesher for Levels<T> {
+impl<S: Store> Remesher for Following<S> {
     fn level(&self) -> Level {
         self.level
     }
@@ -151,7 +171,7 @@ impl<T: Entry> Remesher for Levels<T> {
                 offered: self.level,
             });
         }
-        suits(mesh, level, T::PRECISION, &self.options)?;
+        suits(mesh, level, self.precision(), &self.options)?;
         let before = std::mem::replace(&mut self.level, level);
         if level >= before || self.stale == 0 {
             return Ok(None);
@@ -169,7 +189,7 @@ impl<T: Entry> Remesher for Levels<T> {
     }
 
     fn precision(&self) -> Precision {
-        T::PRECISION
+        self.inverse.store.precision()
     }
 
     fn state(&self) -> State {
@@ -194,7 +214,7 @@ impl<T: Entry> Remesher for Levels<T> {
                     limit,
                 })?;
                 let touched = match rows {
-                    None => self.inverse.current.bytes(),
+                    None => self.inverse.store.bytes(),
                     Some(rows) => self.inverse.columns_bytes(rows.len()),
                 };
                 (condition, 2 * touched + self.inverse.columns_bytes(rank))
@@ -217,7 +237,7 @@ impl<T: Entry> Remesher for Levels<T> {
             rebuild_failed: false,
             bytes_moved,
         };
-        if let Some(reason) = self.due(mesh, change, &mut report) {
+        if let Some(reason) = self.due(mesh, change, &mut report)? {
             match self.refresh(mesh) {
                 Ok(rebuilt) => {
                     report.rebuilt = Some(reason);
@@ -239,12 +259,8 @@ impl<T: Entry> Remesher for Levels<T> {
     }
 
     fn rebase(&mut self, mesh: &AdaptedMesh, source: &Source) -> Result<RemeshReport, RemeshError> {
-        let base = T::dense(source).ok_or_else(|| RemeshError::Unsuited {
-            level: self.level,
-            precision: T::PRECISION,
-            reason: "the new base needs a dense inverse in the precision of the old one".to_owned(),
-        })?;
-        let mut next = Levels::new(mesh, base, self.level, self.options)?;
+        let store = self.inverse.store.restarted(source)?;
+        let mut next = Following::start(mesh, store, self.level, self.options)?;
         next.set_contacts(&self.contacts)?;
         next.rebuilds = self.rebuilds + 1;
         *self = next;
@@ -252,15 +268,15 @@ impl<T: Entry> Remesher for Levels<T> {
     }
 
     fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
-        check_dofs(dofs, self.inverse.current.size())?;
-        Ok(self.inverse.residual(mesh, dofs))
+        check_dofs(dofs, self.inverse.store.size())?;
+        self.inverse.residual(mesh, dofs)
     }
 
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
-        check_dofs(dofs, self.inverse.current.size())?;
+        check_dofs(dofs, self.inverse.store.size())?;
         check_distinct(dofs)?;
         self.contacts = dofs.to_vec();
-        self.read_condensed().map_err(RemeshError::from)
+        self.read_condensed()
     }
 
     fn contacts(&self) -> &[usize] {
@@ -272,13 +288,13 @@ impl<T: Entry> Remesher for Levels<T> {
     }
 
     fn compliance(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        self.inverse.current.entries(rows, columns).map_err(RemeshError::from)
+        check_dofs(rows, self.inverse.store.size())?;
+        check_dofs(columns, self.inverse.store.size())?;
+        self.inverse.store.entries(rows, columns)
     }
 
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
-        self.inverse
-            .displacement(&self.contacts, forces, out)
-            .map_err(RemeshError::from)
+        self.inverse.displacement(&self.contacts, forces, out)
     }
 
     fn displacement_refined(
@@ -288,13 +304,11 @@ impl<T: Entry> Remesher for Levels<T> {
         out: &mut [f64],
     ) -> Result<f64, RemeshError> {
         self.displacement(forces, out)?;
-        self.inverse
-            .refine(mesh, &self.contacts, forces, out)
-            .map_err(RemeshError::from)
+        self.inverse.refine(mesh, &self.contacts, forces, out)
     }
 
     fn memory(&self) -> usize {
-        self.inverse.bytes()
+        self.inverse.store.memory()
     }
 }
 

@@ -121,6 +121,7 @@ fn a_spoiled_inverse_is_seen_and_rebuilt() {
     let slight = Mat::from_fn(1, 1, |_, _| 1e-6);
     levels
         .inverse
+        .store
         .current
         .rank_update(ones.as_ref(), slight.as_ref())
         .expect("an update");
@@ -143,6 +144,7 @@ fn contacts_that_are_not_positive_definite_are_mended() {
     let large = Mat::from_fn(1, 1, |_, _| 2.0 * levels.condensed()[(0, 0)]);
     levels
         .inverse
+        .store
         .current
         .rank_update(unit.as_ref(), large.as_ref())
         .expect("an update");

@@ -3,15 +3,14 @@
 use faer::Side;
 use faer::linalg::solvers::Llt;
 
-use super::Levels;
+use super::{Following, Store};
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::mechanics::tissue::remesh::make::Entry;
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport};
 use crate::random::{hash3, seed_words};
 
-impl<T: Entry> Levels<T> {
+impl<S: Store> Following<S> {
     fn residual_limit(&self) -> f64 {
-        match T::PRECISION {
+        match self.inverse.store.precision() {
             Precision::Single => self.options.residual_single,
             Precision::Double => self.options.residual_double,
         }
@@ -23,21 +22,26 @@ impl<T: Entry> Levels<T> {
     }
 
     /// Looks at what a change has left behind, and says why the inverse must be rebuilt if it must.
-    pub(super) fn due(&mut self, mesh: &AdaptedMesh, change: &Change, report: &mut RemeshReport) -> Option<Rebuilt> {
+    pub(super) fn due(
+        &mut self,
+        mesh: &AdaptedMesh,
+        change: &Change,
+        report: &mut RemeshReport,
+    ) -> Result<Option<Rebuilt>, RemeshError> {
         let Options { check_every, .. } = self.options;
         if self.level == Level::I && check_every > 0 && self.step.is_multiple_of(check_every) {
-            let size = self.inverse.current.size();
+            let size = self.inverse.store.size();
             let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % size;
             // One column where the inverse has just changed most, and one anywhere.
             let own = change.support.first().map_or(any, |dof| *dof as usize);
-            let residual = self.inverse.residual(mesh, &[own, any]);
+            let residual = self.inverse.residual(mesh, &[own, any])?;
             report.residual = Some(residual);
             if residual.is_nan() || residual > self.residual_limit() {
-                return Some(Rebuilt::Residual(residual));
+                return Ok(Some(Rebuilt::Residual(residual)));
             }
         }
         let partial = matches!(self.level, Level::II | Level::III);
-        (partial && !self.is_definite()).then_some(Rebuilt::Indefinite)
+        Ok((partial && !self.is_definite()).then_some(Rebuilt::Indefinite))
     }
 }
 

@@ -1,0 +1,198 @@
+//! Where a dense inverse is kept, and what is done to it there.
+
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
+use rayon::prelude::*;
+
+use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_shape};
+use crate::mechanics::tissue::remesh::make::Entry;
+use crate::mechanics::tissue::remesh::{Precision, RemeshError, Source};
+use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
+
+/// The inverse of which a store reads columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Which {
+    /// The one that follows the moves.
+    Current,
+    /// The one it started from.
+    Base,
+}
+
+/// A dense inverse that follows the moves, and the base that it started from, in the memory of this or another processor.
+///
+/// An error of [`RemeshError::Device`] leaves the contents undefined; after any other they are as before.
+pub trait Store: Send {
+    /// Rows, and columns.
+    fn size(&self) -> usize;
+
+    /// Of the entries.
+    fn precision(&self) -> Precision;
+
+    /// Bytes that one inverse takes.
+    fn bytes(&self) -> usize;
+
+    /// Bytes held, the base among them.
+    fn memory(&self) -> usize;
+
+    /// Sets columns Y aside for the update that follows, and returns their rows of the same numbers, G.
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError>;
+
+    /// Takes Y C Y^T (C in N/mm, symmetric) off all entries of the current inverse, or off those in some rows and columns. Y is
+    /// what was set aside of it.
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError>;
+
+    /// Makes the base less Y C Y^T the current inverse. Y is what was set aside of the base.
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError>;
+
+    /// A block of the current inverse, mm/N.
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError>;
+
+    /// `out` (mm) becomes the sum of columns of the current inverse, each times its weight (N).
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn combine(&mut self, columns: &[usize], weights: &[f64], out: &mut [f64]) -> Result<(), RemeshError>;
+
+    /// `out` (mm) becomes the current inverse times `x` (N).
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn multiply(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), RemeshError>;
+
+    /// The same kind of store, begun anew from another base.
+    ///
+    /// # Errors
+    /// [`RemeshError::Unsuited`] where the source has no dense inverse in this precision.
+    fn restarted(&self, source: &Source) -> Result<Self, RemeshError>
+    where
+        Self: Sized;
+}
+
+/// A store in the memory of this processor.
+pub struct Host<T> {
+    base: Arc<Symmetric<T>>,
+    pub(super) current: Symmetric<T>,
+    taken: Mat<T>,
+    column: Vec<f64>,
+}
+
+impl<T> std::fmt::Debug for Host<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Host({} rows)", self.column.len())
+    }
+}
+
+impl<T: Scalar> Host<T> {
+    pub(super) fn new(base: Arc<Symmetric<T>>) -> Self {
+        Host {
+            current: (*base).clone(),
+            taken: Mat::new(),
+            column: vec![0.0; base.size()],
+            base,
+        }
+    }
+}
+
+impl<T: Entry> Store for Host<T> {
+    fn size(&self) -> usize {
+        self.current.size()
+    }
+
+    fn precision(&self) -> Precision {
+        T::PRECISION
+    }
+
+    fn bytes(&self) -> usize {
+        self.current.bytes()
+    }
+
+    fn memory(&self) -> usize {
+        self.base.bytes() + self.current.bytes()
+    }
+
+    fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        let matrix = match which {
+            Which::Current => &self.current,
+            Which::Base => &*self.base,
+        };
+        self.taken = read_columns(matrix, columns)?;
+        let block = |i, j| self.taken[(columns[i], j)].wide();
+        Ok(Mat::from_fn(columns.len(), columns.len(), block))
+    }
+
+    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError> {
+        let (y, c) = (self.taken.as_ref(), rounded(c));
+        match rows {
+            None => self.current.rank_update(y, c.as_ref())?,
+            Some(rows) => self.current.update_rows(rows, y, c.as_ref())?,
+        }
+        Ok(())
+    }
+
+    fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
+        let panels: Vec<_> = self.base.row_panels().map(|panel| panel.columns).collect();
+        self.current
+            .row_panels_mut()
+            .for_each(|panel| panel.columns.copy_from_slice(panels[panel.first_row / PANEL_ROWS]));
+        self.update(c, None)
+    }
+
+    fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        self.current.entries(rows, columns).map_err(RemeshError::from)
+    }
+
+    fn combine(&mut self, columns: &[usize], weights: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
+        check_shape("displacements", out.len(), self.size())?;
+        out.fill(0.0);
+        for (&column, &weight) in columns.iter().zip(weights) {
+            self.current.copy_column(column, &mut self.column, T::wide)?;
+            let sums = out.iter_mut().zip(&self.column);
+            sums.for_each(|(sum, value)| *sum += weight * value);
+        }
+        Ok(())
+    }
+
+    fn multiply(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
+        self.current.multiply_into(x, out).map_err(RemeshError::from)
+    }
+
+    fn restarted(&self, source: &Source) -> Result<Self, RemeshError> {
+        T::dense(source).map(Host::new).ok_or_else(|| RemeshError::Unsuited {
+            level: super::Level::I,
+            precision: T::PRECISION,
+            reason: "the new base needs a dense inverse in the precision of the old one".to_owned(),
+        })
+    }
+}
+
+/// Columns of a symmetric matrix.
+fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<Mat<T>, ComplianceError> {
+    let mut y = Mat::<T>::zeros(matrix.size(), columns.len());
+    let read = y
+        .par_col_iter_mut()
+        .zip(columns)
+        .map(|(out, &column)| match out.try_as_col_major_mut() {
+            Some(out) => matrix.column_into(column, out.as_slice_mut()),
+            None => Ok(()),
+        });
+    read.collect::<Result<(), _>>()?;
+    Ok(y)
+}
+
+/// A matrix rounded to the precision of the inverse.
+fn rounded<T: Scalar>(matrix: MatRef<'_, f64>) -> Mat<T> {
+    Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| T::of(matrix[(i, j)]))
+}
