@@ -16,6 +16,7 @@
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
+//! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
 //! | [`statics`] | static problems as a user writes them |
 //! | [`study`] | benchmarks, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
@@ -37,6 +38,7 @@ pub mod phantom;
 pub mod plan;
 pub mod random;
 pub mod real;
+pub mod remesh_gpu;
 pub mod scene;
 mod simd;
 pub mod statics;

@@ -5,5 +5,6 @@ mod support;
 
 mod names;
 mod plans;
+mod remesh;
 mod shaders;
 mod uniforms;

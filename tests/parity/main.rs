@@ -7,6 +7,8 @@
 //!
 //! Each backend runs the whole chain of passes by itself: no result is carried from one to another.
 
+#[path = "../mechanics/remesh/support.rs"]
+mod remesh_support;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -23,6 +25,7 @@ mod needle;
 mod noise;
 mod quantise;
 mod receiver;
+mod remesh;
 mod scan_conversion;
 mod shadow;
 mod slice;
@@ -47,6 +50,7 @@ fn gpu_tests_run_or_are_counted_as_skipped() {
         include_str!("noise.rs"),
         include_str!("quantise.rs"),
         include_str!("receiver.rs"),
+        include_str!("remesh.rs"),
         include_str!("scan_conversion.rs"),
         include_str!("shadow.rs"),
         include_str!("slice.rs"),

@@ -1,0 +1,86 @@
+//! Levels I to III of remeshing with the dense inverse on a GPU: the one place that knows both mechanics and GPUs.
+//!
+//! [`follow`] makes a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of
+//! [`levels`](crate::mechanics::tissue::remesh::levels), with which it shares all but the
+//! [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` puts it to use while running. The inverse stays on the device. Of each change, the rows and columns
+//! around the moved node come back (G, some 48 x 48 values), C = (I + dK G)^-1 dK is computed from them in f64 and sent, and
+//! K^c comes back. Both products are fused into one pass over the tiles of the lower triangle, which reads and writes each once:
+//! at rank 48 that is 24 multiply-adds for each byte moved, about what data-centre GPUs balance.
+//!
+//! The base stays in the memory of the CPU and is sent again for a rebuild; everything on the device is freed with the store.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`passes`] | the passes of `shaders/remesh.wgsl`, and their parameters |
+//! | [`tiles`] | the lower triangle in tiles, spread over buffers within the binding limit |
+//! | [`store`] | the inverse on a device |
+
+pub mod passes;
+pub mod store;
+pub mod tiles;
+
+use std::sync::Arc;
+
+use crate::gpu::{Gpu, GpuError};
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::remesh::levels::Following;
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError, Source};
+use crate::mechanics::tissue::symmetric::Symmetric;
+pub use store::DeviceStore;
+
+/// A dense inverse in f32 on a GPU that follows at one of the levels I to IV.
+pub type DeviceLevels = Following<DeviceStore>;
+
+/// Follows `mesh` from its current state at `level`, I to IV, in f32 on `gpu`. `source` is that of the base; an inverse in f64
+/// is rounded.
+///
+/// # Errors
+/// [`RemeshError::Unsuited`] where the source is not dense, the inverse does not fit the device or f32 does not suffice for the
+/// materials; [`RemeshError::Device`] where the device fails; or as
+/// [`Levels::new`](crate::mechanics::tissue::remesh::levels::Levels::new).
+pub fn follow(
+    gpu: &Gpu,
+    mesh: &AdaptedMesh,
+    source: &Source,
+    level: Level,
+    options: Options,
+) -> Result<DeviceLevels, RemeshError> {
+    let base = single(source, level)?;
+    let limit = gpu.limits().max_storage_buffer_binding_size;
+    let store = DeviceStore::new(gpu, Arc::clone(&base), largest_support(mesh), limit);
+    let store = store.map_err(|error| match error {
+        GpuError::Limit { .. } | GpuError::OutOfMemory { .. } => RemeshError::Unsuited {
+            level,
+            precision: Precision::Single,
+            reason: format!(
+                "the inverse of {} degrees of freedom takes {:.2} GiB of the memory of '{}': {error}; use the CPU, the exact \
+                 level, which needs no inverse there, or a coarser mesh",
+                base.size(),
+                tiles::bytes_of(base.size()) as f64 / (1u64 << 30) as f64,
+                gpu.report().name,
+            ),
+        },
+        other => RemeshError::Device(other.to_string()),
+    })?;
+    Following::start(mesh, store, level, options)
+}
+
+/// The dense inverse of a source in f32.
+fn single(source: &Source, level: Level) -> Result<Arc<Symmetric<f32>>, RemeshError> {
+    match source {
+        Source::Single(inverse) => Ok(Arc::clone(inverse)),
+        Source::Double(inverse) => Ok(Arc::new(inverse.cast())),
+        Source::Columns(_) => Err(RemeshError::Unsuited {
+            level,
+            precision: Precision::Single,
+            reason: "it needs a dense inverse, and only columns on demand are at hand".to_owned(),
+        }),
+    }
+}
+
+/// Degrees of freedom that one move can touch at most.
+fn largest_support(mesh: &AdaptedMesh) -> usize {
+    let free = |node: &u32| mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
+    let supports = (0..mesh.nodes().len() as u32).map(|node| mesh.neighbours(node).iter().map(free).sum());
+    supports.max().unwrap_or(0)
+}

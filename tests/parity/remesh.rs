@@ -1,0 +1,433 @@
+//! Remeshing with the inverse on a GPU: each pass against exact arithmetic and its twin in f32, whole sequences against the
+//! inverse of the moved mesh.
+
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
+use insonify::gpu::GpuError;
+use insonify::mechanics::tissue::remesh::adaptation::AdaptError;
+use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
+use insonify::mechanics::tissue::remesh::{
+    Adaptation, AdaptedMesh, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source, State,
+};
+use insonify::mechanics::tissue::symmetric::Symmetric;
+use insonify::remesh_gpu::{DeviceStore, follow, tiles};
+
+use crate::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
+use crate::support::gpu::gpu_or_skip;
+
+/// Rounding unit of f32.
+const UNIT: f64 = 0.5 * f32::EPSILON as f64;
+
+/// gamma_n of Higham, Accuracy and Stability of Numerical Algorithms, section 3.1. WGSL rounds sums and products correctly and
+/// may fuse them, which only helps.
+fn gamma(terms: usize) -> f64 {
+    let n = terms as f64 * UNIT;
+    n / (1.0 - n)
+}
+
+fn symmetric(size: usize, salt: u64) -> Symmetric<f32> {
+    Symmetric::from_fn(size, |i, j| noise(((salt << 20) + i as u64) << 20 | j as u64) as f32)
+}
+
+/// `rank` different numbers below `size`, ascending.
+fn choose(size: usize, rank: usize) -> Vec<usize> {
+    (0..rank).map(|k| k * size / rank).collect()
+}
+
+fn all(store: &mut DeviceStore) -> Mat<f64> {
+    let every: Vec<usize> = (0..store.size()).collect();
+    store.entries(&every, &every).unwrap()
+}
+
+/// An update A - Y C Y^T of one case, exactly, and how far an entry in f32 may be from it.
+struct Exact {
+    value: Mat<f64>,
+    bound: Mat<f64>,
+}
+
+impl Exact {
+    /// Z = Y C has an error of gamma_s |Y| |C| in each entry, Y Z^T one of gamma_s |Y| |Z| beside what Z brings along, and the
+    /// difference rounds once.
+    fn of(a: &Symmetric<f32>, y: &Mat<f64>, c: &Mat<f64>) -> Exact {
+        let rank = c.nrows();
+        let magnitude = |m: &Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)].abs());
+        let (value, y_abs, c_abs) = (y * c * y.transpose(), magnitude(y), magnitude(c));
+        let total = &y_abs * &c_abs * y_abs.transpose();
+        let old = |i, j| f64::from(a.get(i, j));
+        Exact {
+            bound: Mat::from_fn(a.size(), a.size(), |i, j| {
+                2.02 * gamma(rank) * total[(i, j)] + 1.01 * UNIT * (old(i, j).abs() + total[(i, j)])
+            }),
+            value: Mat::from_fn(a.size(), a.size(), |i, j| old(i, j) - value[(i, j)]),
+        }
+    }
+
+    fn check(&self, found: MatRef<'_, f64>, other: impl Fn(usize, usize) -> f64, case: &str) {
+        for j in 0..found.ncols() {
+            for i in 0..found.nrows() {
+                let (own, bound) = (found[(i, j)], self.bound[(i, j)]);
+                let far = (own - self.value[(i, j)]).abs();
+                assert!(
+                    far <= bound,
+                    "{case}: ({i}, {j}) is {own}, off by {far:e}, allowed {bound:e}"
+                );
+                let apart = (own - other(i, j)).abs();
+                assert!(apart <= 2.0 * bound, "{case}: ({i}, {j}) is {apart:e} from the CPU's");
+            }
+        }
+    }
+}
+
+#[test]
+fn updates_of_every_shape_follow_the_cpu() {
+    let Some(gpu) = gpu_or_skip("updates of an inverse") else {
+        return;
+    };
+    let tile = tiles::bytes_of(1);
+    // Sizes around a tile's edge, ranks around the padding, and banks of one tile, two, and all.
+    for (size, rank, bank) in [
+        (1, 1, tile),
+        (127, 15, tile),
+        (128, 16, 2 * tile),
+        (129, 17, tile),
+        (300, 48, 2 * tile),
+        (517, 60, 64 * tile),
+    ] {
+        let case = format!("{size} rows, rank {rank}, banks of {} tiles", bank / tile);
+        let base = Arc::new(symmetric(size, 1));
+        let columns = choose(size, rank);
+        let y = Mat::from_fn(size, rank, |i, k| f64::from(base.get(i, columns[k])));
+        let c = Mat::from_fn(rank, rank, |i, j| {
+            f64::from(noise(7 << 40 | (i.max(j) as u64) << 20 | i.min(j) as u64) as f32)
+        });
+        let (y_single, c_single) = (
+            Mat::from_fn(size, rank, |i, k| y[(i, k)] as f32),
+            Mat::from_fn(rank, rank, |i, j| c[(i, j)] as f32),
+        );
+        let exact = Exact::of(&base, &y, &c);
+
+        let mut store = DeviceStore::new(&gpu, Arc::clone(&base), rank, bank).unwrap();
+        let count = tiles::bytes_of(size).div_ceil(bank);
+        assert_eq!(store.bank_count() as u64, count, "{case}");
+        let g = store.take(Which::Current, &columns).unwrap();
+        for (i, j) in (0..rank).flat_map(|i| (0..rank).map(move |j| (i, j))) {
+            assert_eq!(g[(i, j)], y[(columns[i], j)], "{case}: G");
+        }
+        store.update(c.as_ref(), None).unwrap();
+        let mut twin = (*base).clone();
+        twin.rank_update(y_single.as_ref(), c_single.as_ref()).unwrap();
+        exact.check(all(&mut store).as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
+
+        // From the base again, in batches of columns: the same to within the rounding of the batches.
+        let mut narrow = DeviceStore::new(&gpu, Arc::clone(&base), rank.div_ceil(3), bank).unwrap();
+        narrow.take(Which::Base, &columns).unwrap();
+        narrow.restart(c.as_ref()).unwrap();
+        let bound = Exact {
+            bound: Mat::from_fn(size, size, |i, j| 4.0 * exact.bound[(i, j)]),
+            value: exact.value.clone(),
+        };
+        bound.check(all(&mut narrow).as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
+
+        // Some rows and columns: the others keep their bits.
+        let rows = choose(size, rank.div_ceil(3));
+        let mut store = DeviceStore::new(&gpu, Arc::clone(&base), rank, bank).unwrap();
+        store.take(Which::Current, &columns).unwrap();
+        store.update(c.as_ref(), Some(&rows)).unwrap();
+        let mut twin = (*base).clone();
+        twin.update_rows(&rows, y_single.as_ref(), c_single.as_ref()).unwrap();
+        let named = |i: usize| rows.binary_search(&i).is_ok();
+        let found = all(&mut store);
+        let partial = Exact {
+            value: Mat::from_fn(size, size, |i, j| match named(i) || named(j) {
+                true => exact.value[(i, j)],
+                false => f64::from(base.get(i, j)),
+            }),
+            bound: Mat::from_fn(size, size, |i, j| match named(i) || named(j) {
+                true => exact.bound[(i, j)],
+                false => 0.0,
+            }),
+        };
+        partial.check(found.as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
+        for (i, j) in (0..size).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            assert_eq!(found[(i, j)], found[(j, i)], "{case}: one value for both triangles");
+        }
+    }
+}
+
+#[test]
+fn sums_of_columns_and_products_are_those_of_exact_arithmetic() {
+    let Some(gpu) = gpu_or_skip("products with an inverse") else {
+        return;
+    };
+    let tile = tiles::bytes_of(1);
+    for (size, bank) in [(1, tile), (129, tile), (300, 2 * tile), (517, 64 * tile)] {
+        let base = Arc::new(symmetric(size, 3));
+        // Room for fewer columns than are summed: several batches.
+        let mut store = DeviceStore::new(&gpu, Arc::clone(&base), 16, bank).unwrap();
+        let columns = choose(size, 40.min(size));
+        let weights: Vec<f64> = (0..columns.len() as u64).map(noise).collect();
+        let x: Vec<f64> = (0..size as u64).map(|i| noise(i + 900)).collect();
+        let every: Vec<usize> = (0..size).collect();
+        let mut out = vec![f64::NAN; size];
+        for (columns, weights, whole) in [(&columns, &weights, false), (&every, &x, true)] {
+            if whole {
+                store.multiply(&x, &mut out).unwrap();
+            } else {
+                store.combine(columns, weights, &mut out).unwrap();
+            }
+            for i in 0..size {
+                let terms = columns.iter().zip(weights);
+                let terms = terms.map(|(column, weight)| f64::from(base.get(i, *column)) * weight);
+                let (sum, total) = terms.fold((0.0, 0.0), |(sum, total), term| (sum + term, total + term.abs()));
+                // A weight is rounded, too.
+                let bound = 1.01 * gamma(columns.len() + 1) * total;
+                let far = (out[i] - sum).abs();
+                assert!(
+                    far <= bound,
+                    "{size} rows, {whole}, row {i}: off by {far:e}, allowed {bound:e}"
+                );
+            }
+        }
+    }
+}
+
+fn on_device(mesh: &AdaptedMesh, level: Level, options: Options) -> Option<Adaptation> {
+    let gpu = gpu_or_skip("remeshing")?;
+    let source = single(mesh);
+    let device = follow(&gpu, mesh, &source, level, options).unwrap();
+    let mut adaptation = Adaptation::new(mesh.clone(), source, Level::IV, Precision::Single, options).unwrap();
+    adaptation.parts().1.set_contacts(&contacts(mesh)).unwrap();
+    adaptation.replace(Box::new(device)).unwrap();
+    Some(adaptation)
+}
+
+/// How far an inverse in f32 may be from the gold standard after some updates, relative to its largest entry. The base is
+/// rounded to f32 and each update adds about the rounding of one backward stable solution; the condition of the mesh carries it
+/// on, and 8 holds the constants of the inner products.
+fn allowed(mesh: &AdaptedMesh, gold: MatRef<'_, f64>, updates: usize) -> f64 {
+    8.0 * (updates + 1) as f64 * rounding(mesh, gold) * f64::from(f32::EPSILON) / f64::EPSILON
+}
+
+#[test]
+fn level_one_follows_the_moved_mesh_as_its_twin_does() {
+    let mesh = mesh(0.45);
+    let Some(mut device) = on_device(&mesh, Level::I, Options::default()) else {
+        return;
+    };
+    let nodes = free_nodes(&mesh);
+    let mut host = Adaptation::new(
+        mesh.clone(),
+        single(&mesh),
+        Level::I,
+        Precision::Single,
+        Options::default(),
+    )
+    .unwrap();
+    host.parts().1.set_contacts(&contacts(&mesh)).unwrap();
+    let mut done = 0;
+    for n in 0..10 {
+        let (node, position) = nth_move(device.mesh(), &nodes, n);
+        if device.mesh().assess(node, position).is_err() {
+            continue;
+        }
+        done += 1;
+        let report = device.move_node(node, position).unwrap();
+        let twin = host.move_node(node, position).unwrap();
+        assert_eq!((report.rank, report.level), (twin.rank, Level::I));
+        assert_eq!(report.rebuilt, None);
+    }
+    assert!(done > 5, "{done} moves");
+    let gold = gold(device.mesh());
+    let every: Vec<usize> = (0..gold.nrows()).collect();
+    let allowed = allowed(device.mesh(), gold.as_ref(), done);
+    assert!(allowed < 0.2, "the bound says nothing: {allowed}");
+    let contacts = contacts(&mesh);
+    let expected = part(gold.as_ref(), &contacts, &contacts);
+    for adaptation in [&mut device, &mut host] {
+        let (mesh, remesher) = adaptation.parts();
+        let whole = remesher.compliance(&every, &every).unwrap();
+        let off = error(whole.as_ref(), gold.as_ref());
+        assert!(off <= allowed, "K^-1 is off by {off:e}, allowed {allowed:e}");
+        let off = error(remesher.condensed(), expected.as_ref());
+        assert!(off <= allowed, "K^c is off by {off:e}, allowed {allowed:e}");
+        assert_eq!(remesher.state(), State::Current);
+
+        let mut forces = vec![0.0; contacts.len()];
+        forces[4] = 1.0;
+        let mut u = vec![0.0; gold.nrows()];
+        remesher.displacement(&forces, &mut u).unwrap();
+        let largest = (0..u.len()).map(|i| gold[(i, contacts[4])].abs()).fold(0.0, f64::max);
+        for (i, u) in u.iter().enumerate() {
+            assert!(
+                (u - gold[(i, contacts[4])]).abs() <= allowed * largest,
+                "displacement {i}"
+            );
+        }
+        // Refinement leaves the square of the error.
+        let left = remesher.displacement_refined(mesh, &forces, &mut u).unwrap();
+        assert!(left <= allowed * allowed, "backward error {left:e}");
+        for (i, u) in u.iter().enumerate() {
+            let far = (u - gold[(i, contacts[4])]).abs();
+            assert!(
+                far <= allowed * allowed * largest,
+                "refined displacement {i} is off by {far:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn levels_two_and_three_are_right_in_their_rows_and_rebuild_when_switched_up() {
+    for level in [Level::II, Level::III] {
+        let mesh = mesh(0.45);
+        let Some(mut device) = on_device(&mesh, level, Options::default()) else {
+            return;
+        };
+        let base = gold(&mesh);
+        let nodes = free_nodes(&mesh);
+        let (node, position) = nth_move(&mesh, &nodes, 3);
+        let report = device.move_node(node, position).unwrap();
+        assert!(report.bytes_moved < base.nrows() * base.nrows(), "{report:?}");
+        let gold = gold(device.mesh());
+        let allowed = allowed(device.mesh(), gold.as_ref(), 1);
+        let own: Vec<usize> = match level {
+            Level::II => device.mesh().support().map(|dof| dof as usize).collect(),
+            _ => device.mesh().dofs().of(node).map(|dof| dof as usize).to_vec(),
+        };
+        let every: Vec<usize> = (0..gold.nrows()).collect();
+        let others: Vec<usize> = every.iter().copied().filter(|dof| !own.contains(dof)).collect();
+        let remesher = device.parts().1;
+        let right = remesher.compliance(&own, &every).unwrap();
+        let off = error(right.as_ref(), part(gold.as_ref(), &own, &every).as_ref());
+        assert!(
+            off <= allowed,
+            "level {level}: updated rows are off by {off:e}, allowed {allowed:e}"
+        );
+        let left = remesher.compliance(&others, &others).unwrap();
+        for (at, value) in left.col_iter().flat_map(|column| column.iter()).enumerate() {
+            let (i, j) = (others[at % others.len()], others[at / others.len()]);
+            assert_eq!(
+                *value,
+                f64::from(base[(i.max(j), i.min(j))] as f32),
+                "level {level}: ({i}, {j})"
+            );
+        }
+        assert_eq!(remesher.state(), State::Approximate { changes: 1 });
+
+        let report = device.switch(Level::I, Precision::Single).unwrap().expect("a rebuild");
+        assert_eq!(report.rebuilt, Some(Rebuilt::Switched));
+        let whole = device.parts().1.compliance(&every, &every).unwrap();
+        let off = error(whole.as_ref(), gold.as_ref());
+        assert!(
+            off <= allowed,
+            "level {level}, rebuilt: off by {off:e}, allowed {allowed:e}"
+        );
+        assert_eq!(device.remesher().state(), State::Current);
+    }
+}
+
+#[test]
+fn devices_and_cpu_are_switched_while_running() {
+    let mesh = mesh(0.45);
+    let Some(mut adaptation) = on_device(&mesh, Level::I, Options::default()) else {
+        return;
+    };
+    let nodes = free_nodes(&mesh);
+    let contacts = contacts(&mesh);
+    let check = |adaptation: &Adaptation, updates| {
+        let gold = gold(adaptation.mesh());
+        let expected = part(gold.as_ref(), &contacts, &contacts);
+        let allowed = allowed(adaptation.mesh(), gold.as_ref(), updates);
+        let off = error(adaptation.remesher().condensed(), expected.as_ref());
+        assert!(off <= allowed, "off by {off:e}, allowed {allowed:e}");
+        assert_eq!(adaptation.remesher().contacts(), contacts);
+    };
+    let step = |adaptation: &mut Adaptation, n| {
+        let (node, position) = nth_move(adaptation.mesh(), &nodes, n);
+        adaptation.move_node(node, position).unwrap();
+    };
+    step(&mut adaptation, 3);
+    check(&adaptation, 1);
+    adaptation.switch(Level::Exact, Precision::Single).unwrap();
+    check(&adaptation, 1);
+    step(&mut adaptation, 4);
+    check(&adaptation, 2);
+    let gpu = gpu_or_skip("remeshing").expect("as before");
+    let back = follow(&gpu, adaptation.mesh(), &single(&mesh), Level::I, Options::default()).unwrap();
+    adaptation.replace(Box::new(back)).unwrap();
+    check(&adaptation, 2);
+    step(&mut adaptation, 5);
+    check(&adaptation, 3);
+    adaptation.undo().unwrap();
+    check(&adaptation, 4);
+}
+
+#[test]
+fn what_a_device_cannot_do_is_said() {
+    let Some(gpu) = gpu_or_skip("errors of remeshing") else {
+        return;
+    };
+    let soft = mesh(0.45);
+    let small = DeviceStore::new(&gpu, Arc::new(symmetric(10, 1)), 3, 1 << 10);
+    assert!(matches!(
+        small.err(),
+        Some(GpuError::Limit {
+            needed: 65_536,
+            available: 1024,
+            ..
+        })
+    ));
+
+    let nearly = mesh(0.499);
+    let refused = follow(&gpu, &nearly, &single(&nearly), Level::I, Options::default())
+        .err()
+        .unwrap();
+    assert!(refused.to_string().contains("0.499"), "{refused}");
+    let exact = follow(&gpu, &soft, &single(&soft), Level::Exact, Options::default())
+        .err()
+        .unwrap();
+    assert!(
+        matches!(
+            exact,
+            RemeshError::Level {
+                asked: Level::Exact,
+                ..
+            }
+        ),
+        "{exact}"
+    );
+
+    let mut adaptation = on_device(&soft, Level::I, Options::default()).expect("as before");
+    let Source::Single(base) = single(&soft) else {
+        panic!("single is single")
+    };
+    let own = gpu_or_skip("a lost device").expect("as before");
+    let lost = follow(&own, &soft, &Source::Single(base), Level::I, Options::default()).unwrap();
+    adaptation.replace(Box::new(lost)).unwrap();
+    own.simulate_loss().unwrap();
+    let (node, position) = nth_move(&soft, &free_nodes(&soft), 3);
+    let failed = adaptation.move_node(node, position).unwrap_err();
+    assert!(matches!(failed, AdaptError::Remesh(RemeshError::Device(_))), "{failed}");
+    assert_eq!(adaptation.mesh().nodes(), soft.nodes(), "the move is taken back");
+    // The CPU takes over.
+    adaptation.switch(Level::Exact, Precision::Single).unwrap();
+    adaptation.move_node(node, position).unwrap();
+}
+
+#[test]
+fn the_levels_of_the_cpu_are_those_of_the_same_store_trait() {
+    // Without a GPU: the store of the CPU through the same door.
+    let mesh = mesh(0.45);
+    let Source::Single(base) = single(&mesh) else {
+        panic!("single is single")
+    };
+    let mut levels = Levels::<f32>::new(&mesh, Arc::clone(&base), Level::I, Options::default()).unwrap();
+    assert_eq!(levels.store().size(), base.size());
+    assert_eq!(levels.precision(), Precision::Single);
+    let mut out = vec![0.0; base.size()];
+    levels.store().combine(&[5], &[2.0], &mut out).unwrap();
+    for (i, value) in out.iter().enumerate() {
+        assert_eq!(*value, 2.0 * f64::from(base.get(i, 5)));
+    }
+}
