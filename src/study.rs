@@ -4,11 +4,16 @@
 //! |---|---|
 //! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
 //! | [`mod@inspect`] | what made one pixel |
+//! | [`tradeoff`] | what accuracy costs in time |
+//! | [`plot`] | points and lines on two axes, as SVG and pixels |
+//! | [`spread`] | medians and percentiles of times |
 //! | [`machine`] | what the CPU backend runs on |
 
 pub mod bench;
 pub mod inspect;
 pub mod machine;
 pub mod plot;
+pub mod spread;
 #[cfg(test)]
 pub(crate) mod testing;
+pub mod tradeoff;

@@ -12,7 +12,8 @@ use crate::gpu::Gpu;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
-pub use report::{BackendReport, BenchReport, PassSpread, Rung, Spread};
+pub use super::spread::Spread;
+pub use report::{BackendReport, BenchReport, PassSpread, Rung};
 
 /// How long to measure.
 #[derive(Clone, Copy, Debug, PartialEq)]

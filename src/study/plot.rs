@@ -12,7 +12,11 @@ use plotters::prelude::*;
 use plotters::style::FontStyle;
 
 /// Width and height of a plot, pixels.
-pub const SIZE: [u32; 2] = [900, 600];
+pub const SIZE: [u32; 2] = [1000, 600];
+/// Width of the legend beside it, pixels.
+const LEGEND: i32 = 210;
+/// Half the width of a marker, pixels.
+const MARK: i32 = 6;
 
 /// Colours that people with any colour vision tell apart (M. Okabe and K. Ito, "Color Universal Design", 2008).
 const COLOURS: [RGBColor; 7] = [
@@ -75,15 +79,44 @@ impl Axis {
     }
 }
 
-/// Points of one colour.
+/// The shape of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Marker {
+    /// A filled circle.
+    Disc,
+    /// A circle.
+    Ring,
+    /// A filled square.
+    Square,
+    /// A filled triangle.
+    Triangle,
+    /// Two crossed lines.
+    Cross,
+    /// A square.
+    Frame,
+}
+
+impl Marker {
+    /// The `n`th shape; there are six, then they repeat.
+    pub fn nth(n: usize) -> Marker {
+        use Marker::{Cross, Disc, Frame, Ring, Square, Triangle};
+        [Disc, Ring, Square, Triangle, Cross, Frame][n % 6]
+    }
+}
+
+/// Points of one colour and shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Name in the legend.
+    /// Name of the colour in the legend, the same for all series of a colour.
     pub name: String,
     /// Where they lie, in the units of the axes.
     pub points: Vec<[f64; 2]>,
     /// Whether a line joins them in their order.
     pub joined: bool,
+    /// Their shape.
+    pub marker: Marker,
+    /// Which colour: seven, then they repeat.
+    pub colour: usize,
 }
 
 /// A plot.
@@ -97,6 +130,8 @@ pub struct Plot {
     pub y: Axis,
     /// What is plotted.
     pub series: Vec<Series>,
+    /// What the shapes mean, in the order of [`Marker::nth`]; nothing where they mean nothing.
+    pub markers: Vec<String>,
     /// Points to mark as the best choices (see [`pareto`]); joined by steps.
     pub front: Vec<[f64; 2]>,
 }
@@ -155,7 +190,7 @@ impl Plot {
         Ok(pixels)
     }
 
-    fn draw<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
+    fn draw<'a, DB: DrawingBackend + 'a>(&self, root: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
         static FONT: Once = Once::new();
         FONT.call_once(|| {
             let font = include_bytes!("../../assets/fonts/DejaVuSans-subset.ttf");
@@ -179,19 +214,20 @@ impl Plot {
         })
     }
 
-    fn chart<DB, X, Y>(
+    fn chart<'a, DB, X, Y>(
         &self,
         root: &DrawingArea<DB, Shift>,
         x: X,
         y: Y,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>>
     where
-        DB: DrawingBackend,
+        DB: DrawingBackend + 'a,
         X: Ranged<ValueType = f64> + ValueFormatter<f64>,
         Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         root.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(root)
+        let (left, right) = root.split_horizontally(SIZE[0] as i32 - LEGEND);
+        let mut chart = ChartBuilder::on(&left)
             .caption(&self.title, ("sans-serif", 22))
             .margin(16)
             .x_label_area_size(52)
@@ -218,17 +254,15 @@ impl Plot {
         }
         if !steps.is_empty() {
             let style = BLACK.mix(0.35).stroke_width(2);
-            chart
-                .draw_series(LineSeries::new(steps, style))?
-                .label("best choices")
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+            chart.draw_series(LineSeries::new(steps, style))?;
             chart.draw_series(
                 self.front
                     .iter()
-                    .map(|point| Circle::new((point[0], point[1]), 9, BLACK.mix(0.35).stroke_width(2))),
+                    .map(|point| Circle::new((point[0], point[1]), MARK + 4, style)),
             )?;
         }
-        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+        for series in &self.series {
+            let colour = colour(series.colour);
             let shown = || {
                 let inside = |point: &&[f64; 2]| self.x.shows(point[0]) && self.y.shows(point[1]);
                 series.points.iter().filter(inside).map(|point| (point[0], point[1]))
@@ -236,20 +270,69 @@ impl Plot {
             if series.joined {
                 chart.draw_series(LineSeries::new(shown(), colour.stroke_width(2)))?;
             }
-            chart
-                .draw_series(shown().map(|point| Circle::new(point, 5, colour.filled())))?
-                .label(&series.name)
-                .legend(move |(x, y)| Circle::new((x + 9, y), 5, colour.filled()));
+            for point in shown() {
+                chart.plotting_area().draw(&marker(point, series.marker, colour))?;
+            }
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.2))
-            .label_font(("sans-serif", 15))
-            .margin(8)
-            .draw()?;
+        self.legend(&right)?;
         root.present()
+    }
+
+    /// Colours, shapes and the front, one below the other.
+    fn legend<'a, DB: DrawingBackend + 'a>(
+        &self,
+        area: &DrawingArea<DB, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        let dark = BLACK.mix(0.85);
+        let style = TextStyle::from(("sans-serif", 15)).color(&dark);
+        let mut at = (14, 64);
+        let line = |at: &mut (i32, i32), text: &str| -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+            area.draw_text(text, &style, (at.0 + 18, at.1 - 8))?;
+            at.1 += 24;
+            Ok(())
+        };
+        let mut named: Vec<usize> = Vec::new();
+        for series in &self.series {
+            if !named.contains(&series.colour) {
+                named.push(series.colour);
+                area.draw(&marker(at, Marker::Disc, colour(series.colour)))?;
+                line(&mut at, &series.name)?;
+            }
+        }
+        at.1 += 12;
+        for (n, name) in self.markers.iter().enumerate() {
+            area.draw(&marker(at, Marker::nth(n), BLACK.mix(0.6).to_rgba()))?;
+            line(&mut at, name)?;
+        }
+        if !self.front.is_empty() {
+            at.1 += 12;
+            area.draw(&Circle::new(at, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?;
+            line(&mut at, "best choices: nothing")?;
+            line(&mut at, "is better in both")?;
+        }
+        Ok(())
+    }
+}
+
+fn colour(n: usize) -> RGBAColor {
+    COLOURS[n % COLOURS.len()].to_rgba()
+}
+
+/// A point of some shape.
+fn marker<'a, DB, C>(at: C, marker: Marker, colour: RGBAColor) -> DynElement<'a, DB, C>
+where
+    DB: DrawingBackend + 'a,
+    C: Clone + 'static,
+{
+    let thick = colour.stroke_width(2);
+    let corners = [(-MARK + 1, -MARK + 1), (MARK, MARK)];
+    match marker {
+        Marker::Disc => Circle::new(at, MARK, colour.filled()).into_dyn(),
+        Marker::Ring => Circle::new(at, MARK, thick).into_dyn(),
+        Marker::Square => (EmptyElement::at(at) + Rectangle::new(corners, colour.filled())).into_dyn(),
+        Marker::Triangle => TriangleMarker::new(at, MARK + 1, colour.filled()).into_dyn(),
+        Marker::Cross => Cross::new(at, MARK, thick).into_dyn(),
+        Marker::Frame => (EmptyElement::at(at) + Rectangle::new(corners, thick)).into_dyn(),
     }
 }
 
@@ -272,83 +355,4 @@ fn number(value: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn plot() -> Plot {
-        let points = vec![[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12], [20.0, 1e-2]];
-        Plot {
-            title: "error against time".into(),
-            x: Axis::log("time, ms"),
-            y: Axis::log("relative error"),
-            front: pareto(&points),
-            series: vec![Series {
-                name: "level I".into(),
-                points,
-                joined: false,
-            }],
-        }
-    }
-
-    #[test]
-    fn the_front_is_what_nothing_beats() {
-        assert_eq!(plot().front, [[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12]]);
-        assert_eq!(
-            pareto(&[[1.0, 2.0], [1.0, 1.0], [2.0, 1.0], [f64::NAN, 0.0]]),
-            [[1.0, 1.0]]
-        );
-        assert!(pareto(&[]).is_empty());
-    }
-
-    #[test]
-    fn svg_and_pixels_show_the_series() {
-        let svg = plot().svg().unwrap();
-        for text in [
-            "error against time",
-            "time, ms",
-            "relative error",
-            "level I",
-            "best choices",
-            "1e-12",
-        ] {
-            assert!(svg.contains(text), "{text} is not in the SVG");
-        }
-        let pixels = plot().rgb().unwrap();
-        let blue = pixels.chunks_exact(3).filter(|pixel| *pixel == [0, 114, 178]).count();
-        assert!(blue > 4 * 60, "four discs of radius 5: {blue} pixels of their colour");
-        // Letters of the title: dark pixels in its rows.
-        let dark = pixels[..(3 * SIZE[0] * 40) as usize]
-            .chunks_exact(3)
-            .filter(|p| p[0] < 100)
-            .count();
-        assert!(dark > 200, "{dark} dark pixels where the title stands");
-        assert_eq!(svg, plot().svg().unwrap());
-    }
-
-    #[test]
-    fn values_that_an_axis_cannot_show_are_left_out() {
-        let mut plot = plot();
-        plot.series[0].points = vec![[0.0, 1.0], [f64::NAN, 1.0], [1.0, f64::INFINITY]];
-        plot.front.clear();
-        plot.svg().unwrap();
-        plot.x.log = false;
-        plot.series[0].points = vec![[5.0, 5.0]];
-        plot.rgb().unwrap();
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        let cases = [
-            (0.0, "0"),
-            (1.0, "1"),
-            (0.25, "0.25"),
-            (0.001, "0.001"),
-            (1e-12, "1e-12"),
-            (1500.0, "1500"),
-            (1e5, "1e5"),
-        ];
-        for (value, text) in cases {
-            assert_eq!(number(value), text);
-        }
-    }
-}
+mod tests;

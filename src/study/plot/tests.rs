@@ -1,0 +1,81 @@
+use super::*;
+
+fn plot() -> Plot {
+    let points = vec![[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12], [20.0, 1e-2]];
+    Plot {
+        title: "error against time".into(),
+        x: Axis::log("time, ms"),
+        y: Axis::log("relative error"),
+        markers: vec!["CPU".into()],
+        front: pareto(&points),
+        series: vec![Series {
+            name: "level I".into(),
+            points,
+            joined: false,
+            marker: Marker::Disc,
+            colour: 0,
+        }],
+    }
+}
+
+#[test]
+fn the_front_is_what_nothing_beats() {
+    assert_eq!(plot().front, [[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12]]);
+    assert_eq!(
+        pareto(&[[1.0, 2.0], [1.0, 1.0], [2.0, 1.0], [f64::NAN, 0.0]]),
+        [[1.0, 1.0]]
+    );
+    assert!(pareto(&[]).is_empty());
+}
+
+#[test]
+fn svg_and_pixels_show_the_series() {
+    let svg = plot().svg().unwrap();
+    for text in [
+        "error against time",
+        "time, ms",
+        "relative error",
+        "level I",
+        "best choices",
+        "1e-12",
+    ] {
+        assert!(svg.contains(text), "{text} is not in the SVG");
+    }
+    let pixels = plot().rgb().unwrap();
+    let blue = pixels.chunks_exact(3).filter(|pixel| *pixel == [0, 114, 178]).count();
+    assert!(blue > 4 * 60, "four discs of radius 5: {blue} pixels of their colour");
+    // Letters of the title: dark pixels in its rows.
+    let dark = pixels[..(3 * SIZE[0] * 40) as usize]
+        .chunks_exact(3)
+        .filter(|p| p[0] < 100)
+        .count();
+    assert!(dark > 200, "{dark} dark pixels where the title stands");
+    assert_eq!(svg, plot().svg().unwrap());
+}
+
+#[test]
+fn values_that_an_axis_cannot_show_are_left_out() {
+    let mut plot = plot();
+    plot.series[0].points = vec![[0.0, 1.0], [f64::NAN, 1.0], [1.0, f64::INFINITY]];
+    plot.front.clear();
+    plot.svg().unwrap();
+    plot.x.log = false;
+    plot.series[0].points = vec![[5.0, 5.0]];
+    plot.rgb().unwrap();
+}
+
+#[test]
+fn numbers_are_short() {
+    let cases = [
+        (0.0, "0"),
+        (1.0, "1"),
+        (0.25, "0.25"),
+        (0.001, "0.001"),
+        (1e-12, "1e-12"),
+        (1500.0, "1500"),
+        (1e5, "1e5"),
+    ];
+    for (value, text) in cases {
+        assert_eq!(number(value), text);
+    }
+}

@@ -1,0 +1,185 @@
+//! What accuracy costs in time: the one shape of all studies of that kind.
+//!
+//! A [`Study`] holds [`Table`]s. A row of a table is one way of doing a thing: [`Factor`]s say which (level, backend, precision,
+//! size), [`Axis`] by axis it has a figure (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study
+//! only measures and fills in; text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
+//!
+//! | module | what it studies |
+//! |---|---|
+//! | [`remesh`] | levels of remeshing |
+
+pub mod remesh;
+mod render;
+#[cfg(test)]
+mod tests;
+
+use serde::Serialize;
+
+pub use render::RenderError;
+
+use super::machine::Machine;
+use super::plot;
+
+/// What tells rows apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Factor {
+    /// Key in JSON and CSV.
+    pub key: &'static str,
+    /// Heading.
+    pub label: &'static str,
+}
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Axis {
+    /// Key in JSON and CSV; ends with the unit where there is one.
+    pub key: &'static str,
+    /// Heading of a column, short.
+    pub heading: &'static str,
+    /// Label of a plot's axis, with the unit.
+    pub label: &'static str,
+    /// Whether plots show it on a logarithmic scale.
+    pub log: bool,
+}
+
+/// One way of doing a thing, and how it did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// One for each factor.
+    pub choices: Vec<String>,
+    /// One for each axis; none where it was not or cannot be measured.
+    pub values: Vec<Option<f64>>,
+    /// Whether nothing of its kind is better in everything that counts (see [`Table::mark_front`]).
+    pub best: bool,
+    /// What is wrong with it: a promise broken.
+    pub flag: Option<String>,
+}
+
+/// Rows with the same factors and axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Key in JSON, stem of the CSV file.
+    pub key: &'static str,
+    /// Heading.
+    pub title: String,
+    /// What tells rows apart.
+    pub factors: Vec<Factor>,
+    /// What is measured.
+    pub axes: Vec<Axis>,
+    /// The rows.
+    pub rows: Vec<Row>,
+}
+
+/// A plot of a table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// Stem of its files.
+    pub file: String,
+    /// Title.
+    pub title: String,
+    /// Key of the table.
+    pub table: &'static str,
+    /// Key of the horizontal axis.
+    pub x: &'static str,
+    /// Key of the vertical axis.
+    pub y: &'static str,
+    /// Key of the factor that has a colour for each of its choices.
+    pub colour: &'static str,
+    /// Keys of the factors that have a marker for each combination.
+    pub marker: Vec<&'static str>,
+    /// Only rows with these choices, by key of the factor.
+    pub only: Vec<(&'static str, String)>,
+    /// Whether lines join points of one colour and marker.
+    pub joined: bool,
+    /// Whether the points that nothing beats are marked.
+    pub front: bool,
+}
+
+/// Everything that one run has found out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Study {
+    /// Its name.
+    pub name: &'static str,
+    /// What was studied: settings, sizes.
+    pub about: Vec<(&'static str, String)>,
+    /// What the CPU part ran on.
+    pub machine: Machine,
+    /// The tables.
+    pub tables: Vec<Table>,
+    /// The plots to make of them.
+    pub figures: Vec<Figure>,
+    /// What was left out, and why.
+    pub notes: Vec<String>,
+}
+
+impl Table {
+    /// A table without rows.
+    pub fn new(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
+        Table {
+            key,
+            title: title.into(),
+            factors: factors.to_vec(),
+            axes: axes.to_vec(),
+            rows: Vec::new(),
+        }
+    }
+
+    /// Adds a row. Values that are not finite count as not measured, and flag the row.
+    ///
+    /// # Panics
+    /// If there is not one choice a factor and one value an axis: that is the program's own fault.
+    pub fn push(&mut self, choices: Vec<String>, values: Vec<Option<f64>>, flag: Option<String>) {
+        assert_eq!(
+            (choices.len(), values.len()),
+            (self.factors.len(), self.axes.len()),
+            "a choice a factor and a value an axis of {}",
+            self.key
+        );
+        let undefined = self.axes.iter().zip(&values);
+        let undefined = undefined.filter(|(_, value)| value.is_some_and(|value| !value.is_finite()));
+        let undefined: Vec<_> = undefined.map(|(axis, _)| axis.key).collect();
+        let flag = flag.or_else(|| (!undefined.is_empty()).then(|| format!("not finite: {}", undefined.join(", "))));
+        self.rows.push(Row {
+            choices,
+            values: values
+                .into_iter()
+                .map(|value| value.filter(|x| x.is_finite()))
+                .collect(),
+            best: false,
+            flag,
+        });
+    }
+
+    /// Where an axis is among the values of a row.
+    fn axis(&self, key: &str) -> Option<usize> {
+        self.axes.iter().position(|axis| axis.key == key)
+    }
+
+    /// Where a factor is among the choices of a row.
+    fn factor(&self, key: &str) -> Option<usize> {
+        self.factors.iter().position(|factor| factor.key == key)
+    }
+
+    /// Values of a row on two axes, where it has both.
+    fn point(&self, row: &Row, x: &str, y: &str) -> Option<[f64; 2]> {
+        Some([row.values[self.axis(x)?]?, row.values[self.axis(y)?]?])
+    }
+
+    /// Marks the rows that no other beats in both axes, smaller being better, among those with the same choice of `group`.
+    /// Flagged rows do not take part: a broken promise is no choice.
+    pub fn mark_front(&mut self, x: &str, y: &str, group: &str) {
+        let Some(group) = self.factor(group) else { return };
+        let points: Vec<Option<[f64; 2]>> = self
+            .rows
+            .iter()
+            .map(|row| self.point(row, x, y).filter(|_| row.flag.is_none()))
+            .collect();
+        for at in 0..self.rows.len() {
+            let choice = &self.rows[at].choices[group];
+            let alike = self.rows.iter().zip(&points);
+            let alike = alike.filter(|(row, _)| row.choices[group] == *choice);
+            let front = plot::pareto(&alike.filter_map(|(_, point)| *point).collect::<Vec<_>>());
+            self.rows[at].best = points[at].is_some_and(|point| front.contains(&point));
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! Levels of remeshing: what each costs and how far it is from the truth, on one mesh after another.
+//!
+//! A needle goes into the mesh along a line. Wherever it enters an element, a corner of that is moved to its tip; then it is
+//! withdrawn and the moves are undone, and so on, as often as asked. Every contender follows the same moves, is timed at each of
+//! them with its K^c read, and is compared with a gold standard that is factored from the moved mesh and solved with iterative
+//! refinement in the same run: K^c, sampled columns of K^-1 and the displacements under a fixed load in some states of the first
+//! insertion, of which the worst counts, and K^c again after more and more updates.
+//!
+//! What a contender promises is checked: one that claims to be exact up to rounding must leave a residual |K X e - e| and an
+//! error of K^c below the limits at which the levels rebuild themselves (see
+//! [`Options`](crate::mechanics::tissue::remesh::Options)), or its row is flagged.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`subject`] | mesh, supports, contacts and moves |
+//! | [`gold`] | the truth |
+//! | [`contender`] | the ways to follow |
+//! | [`bandwidth`] | how fast this machine copies |
+
+pub mod bandwidth;
+pub mod contender;
+mod error;
+pub mod gold;
+mod report;
+pub mod subject;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::Study;
+use crate::gpu::Gpu;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::inverse::{invert, memory};
+use crate::mechanics::tissue::remesh::Source;
+use crate::mechanics::tissue::symmetric::Symmetric;
+use contender::{Contender, Kind, Sources};
+pub use error::StudyError;
+use gold::Gold;
+use report::Report;
+use subject::Subject;
+
+/// States of the first insertion in which errors are looked at.
+const STATES: usize = 8;
+
+/// What to study, and for how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RemeshOptions {
+    /// Young's modulus, kPa (default 10).
+    pub young_kpa: f64,
+    /// Poisson's ratio (default 0.45, as in the haptic simulator paper).
+    pub poisson: f64,
+    /// Most moves of one insertion (default 24).
+    pub moves: usize,
+    /// Updates, insertions and withdrawals together (default 1,000).
+    pub updates: usize,
+    /// A contender ends early when it has taken this long and has done one insertion and withdrawal (default 120 s).
+    pub patience: Duration,
+    /// Whether the levels in f64 and f32 on the CPU take part, as do the others that it runs.
+    pub cpu: bool,
+}
+
+impl Default for RemeshOptions {
+    fn default() -> Self {
+        RemeshOptions {
+            young_kpa: 10.0,
+            poisson: 0.45,
+            moves: 24,
+            updates: 1000,
+            patience: Duration::from_secs(120),
+            cpu: true,
+        }
+    }
+}
+
+/// How a contender did.
+#[derive(Clone, Debug, Default)]
+pub struct Measured {
+    /// Time of each update, ms.
+    pub times_ms: Vec<f64>,
+    /// Time of updates on a device, ms.
+    pub device_ms: Vec<f64>,
+    /// Bytes of large matrices read and written by an update, where known.
+    pub bytes: Vec<usize>,
+    /// Updates after which everything was computed anew.
+    pub rebuilds: usize,
+    /// The worst of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and
+    /// 2-norms, and the largest |K X e - e| over the sampled columns.
+    pub errors: Option<[f64; 4]>,
+    /// Error of K^c after so many updates.
+    pub drift: Vec<(usize, f64)>,
+    /// What went wrong.
+    pub flag: Option<String>,
+}
+
+/// Studies the meshes, smallest first or in any order. `gpus` are measured beside the CPU. `progress` is told what is being done
+/// and the share that is done, ascending from 0 to 1.
+///
+/// # Errors
+/// [`StudyError`]; memory is checked before anything large is allocated.
+pub fn study(
+    meshes: &[TetMesh],
+    gpus: &[Gpu],
+    options: &RemeshOptions,
+    progress: &mut (dyn FnMut(&str, f64) + Send),
+) -> Result<Study, StudyError> {
+    let subjects = meshes.iter().map(|mesh| Subject::new(mesh, options));
+    let subjects = subjects.collect::<Result<Vec<_>, _>>()?;
+    for subject in &subjects {
+        check_memory(subject.size(), gpus, memory::available())?;
+    }
+    let mut report = Report::new(&subjects, gpus, options)?;
+    let total = subjects.len() as f64;
+    for (at, subject) in subjects.iter().enumerate() {
+        let mut inner = |text: &str, share: f64| {
+            progress(
+                &format!("{} nodes: {text}", subject.nodes()),
+                (at as f64 + share) / total,
+            );
+        };
+        one(subject, gpus, options, &mut report, &mut inner)?;
+    }
+    progress("done", 1.0);
+    Ok(report.finish())
+}
+
+/// Studies one mesh.
+fn one(
+    subject: &Subject,
+    gpus: &[Gpu],
+    options: &RemeshOptions,
+    report: &mut Report,
+    progress: &mut (dyn FnMut(&str, f64) + Send),
+) -> Result<(), StudyError> {
+    const INVERSE: f64 = 0.2;
+    const GOLD: f64 = 0.1;
+    let double = invert::<f64>(&subject.factor, |done, of| {
+        progress("the dense inverse", INVERSE * done as f64 / of as f64);
+    })?;
+    let double = Arc::new(double);
+    let sources = Sources {
+        single: Source::Single(Arc::new(double.cast())),
+        double: Source::Double(double),
+    };
+    progress("the gold standard", INVERSE);
+    let truth = Truth::new(subject, options)?;
+    let kinds = contender::kinds(gpus, options);
+    let count = kinds.len() as f64;
+    for (at, kind) in kinds.iter().enumerate() {
+        let start = INVERSE + GOLD + (1.0 - INVERSE - GOLD) * at as f64 / count;
+        progress(&kind.to_string(), start);
+        match kind.make(subject, &sources) {
+            Ok(mut contender) => {
+                let measured = measure(&mut *contender, subject, &truth, options);
+                report.add(subject, kind, contender.promise(), measured);
+            }
+            Err(error) => report.note(format!("{} nodes, {kind}: not measured: {error}", subject.nodes())),
+        }
+    }
+    Ok(())
+}
+
+/// The gold standards that contenders are compared with, after so many updates.
+pub struct Truth(Vec<(usize, Gold)>);
+
+impl Truth {
+    /// Computes them.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    pub fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, StudyError> {
+        let mut mesh = subject.mesh.clone();
+        let mut states = Vec::new();
+        let inserted = subject.inserted();
+        for update in 1..=options.updates.max(inserted) {
+            subject.step(&mut mesh, update - 1)?;
+            if is_sampled(update, inserted) {
+                states.push((update, Gold::with_samples(subject, &mesh)?));
+            } else if is_checkpoint(update, options.updates) {
+                states.push((update, Gold::of_contacts(subject, &mesh)?));
+            }
+        }
+        Ok(Truth(states))
+    }
+}
+
+/// Whether all errors are looked at: in [`STATES`] states of the first insertion, the last of them when the needle is in.
+fn is_sampled(update: usize, inserted: usize) -> bool {
+    update <= inserted && update * STATES / inserted > (update - 1) * STATES / inserted
+}
+
+/// Whether the error of K^c is looked at: after 1, 3, 10, 30, ... updates and the last.
+fn is_checkpoint(update: usize, updates: usize) -> bool {
+    let decade = 10usize.pow(update.max(1).ilog10());
+    update <= updates && (update == decade || update == 3 * decade || update == updates)
+}
+
+/// Runs one contender. What it fails of is in its flag.
+pub fn measure(contender: &mut dyn Contender, subject: &Subject, truth: &Truth, options: &RemeshOptions) -> Measured {
+    let mut measured = Measured::default();
+    if let Err(error) = run(contender, subject, truth, options, &mut measured) {
+        let updates = measured.times_ms.len();
+        measured.flag = Some(format!("stopped after {updates} updates: {error}"));
+        return measured;
+    }
+    measured.flag = contender.promise().broken(&measured);
+    measured
+}
+
+fn run(
+    contender: &mut dyn Contender,
+    subject: &Subject,
+    truth: &Truth,
+    options: &RemeshOptions,
+    measured: &mut Measured,
+) -> Result<(), StudyError> {
+    let mut mesh = subject.mesh.clone();
+    let inserted = subject.inserted();
+    contender.set_contacts(&subject.contacts)?;
+    let begun = Instant::now();
+    let mut states = truth.0.iter();
+    let mut next = states.next();
+    for update in 1..=options.updates.max(inserted) {
+        let change = subject.step(&mut mesh, update - 1)?;
+        let start = Instant::now();
+        let step = contender.remesh(&mesh, &change)?;
+        measured.times_ms.push(start.elapsed().as_secs_f64() * 1e3);
+        measured.bytes.extend(step.bytes);
+        measured.rebuilds += usize::from(step.rebuilt);
+        if let Some((_, gold)) = next.filter(|(at, _)| *at == update) {
+            measured
+                .drift
+                .push((update, gold.error_of_contacts(contender.condensed())));
+            if gold.has_samples() {
+                let found = gold.errors(subject, contender)?;
+                let worst = measured.errors.get_or_insert([0.0; 4]);
+                for (worst, error) in worst.iter_mut().zip(found) {
+                    *worst = if error.is_nan() { error } else { worst.max(error) };
+                }
+            }
+            next = states.next();
+        }
+        if update >= 2 * inserted && begun.elapsed() > options.patience {
+            break;
+        }
+    }
+    // Measuring the device costs a wait at each update, so it is done apart from the clock on the wall.
+    let done = measured.times_ms.len();
+    if contender.time_device()? {
+        for update in done..done + 2 * inserted {
+            let change = subject.step(&mut mesh, update)?;
+            contender.remesh(&mesh, &change)?;
+            measured.device_ms.extend(contender.device_ms());
+        }
+    }
+    Ok(())
+}
+
+/// Checks what the study of a mesh needs at its height against what there is.
+fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(), StudyError> {
+    let [double, single] = [Symmetric::<f64>::bytes_of(size), Symmetric::<f32>::bytes_of(size)];
+    // Both bases and one that follows; software adapters keep theirs in the same memory.
+    let software = gpus.iter().any(|gpu| gpu.report().software);
+    let device = if software { single } else { 0 };
+    let samples = 2 * STATES * size_of::<f64>() * size * gold::SAMPLES;
+    let all = [double, double, single, device, samples, 2 * bandwidth::BYTES];
+    let needed = all.into_iter().fold(0usize, usize::saturating_add);
+    match available {
+        Some(available) if needed > available => Err(StudyError::Memory {
+            size,
+            needed,
+            available,
+        }),
+        _ => Ok(()),
+    }
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Kind({self})")
+    }
+}

@@ -1,0 +1,366 @@
+//! The ways to keep K^c in step with a mesh.
+
+use std::fmt;
+use std::sync::Arc;
+
+use faer::{Mat, MatRef};
+
+use super::subject::Subject;
+use super::{Measured, RemeshOptions, StudyError};
+use crate::gpu::Gpu;
+use crate::mechanics::tissue::assembly::Stiffness;
+use crate::mechanics::tissue::columns::Columns;
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
+use crate::remesh_gpu::{DeviceLevels, follow};
+
+/// What an update did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Step {
+    /// Bytes of large matrices read and written, where known.
+    pub bytes: Option<usize>,
+    /// Whether everything was computed anew.
+    pub rebuilt: bool,
+}
+
+/// How near to the truth a contender claims to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Promise {
+    /// Exact up to rounding: the residual and the error of K^c stay below this.
+    Exact {
+        /// The limit.
+        limit: f64,
+    },
+    /// No more than that it is finite.
+    Approximate,
+}
+
+impl Promise {
+    /// What was found against it, if anything.
+    pub fn broken(self, measured: &Measured) -> Option<String> {
+        let errors = measured.errors.iter().flatten().copied();
+        let found = errors.chain(measured.drift.iter().map(|(_, error)| *error));
+        if found.clone().any(|error| !error.is_finite()) {
+            return Some("errors are not finite".to_owned());
+        }
+        let Promise::Exact { limit } = self else { return None };
+        let worst = found.fold(0.0, f64::max);
+        (worst > limit)
+            .then(|| format!("off by {worst:.1e}, though exact up to rounding: at most {limit:.0e} is expected"))
+    }
+}
+
+/// Keeps K^c, and what else of K^-1 is asked for, in step with a mesh.
+pub trait Contender {
+    /// How near to the truth it claims to be.
+    fn promise(&self) -> Promise;
+
+    /// Names the degrees of freedom in contact.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError>;
+
+    /// Takes in one change of the mesh; K^c is then ready.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError>;
+
+    /// K^c, mm/N.
+    fn condensed(&self) -> MatRef<'_, f64>;
+
+    /// A block of K^-1, mm/N.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError>;
+
+    /// Displacements (mm) under forces (N) on the contacts.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError>;
+
+    /// Begins to measure the time of updates on a device; false where there is none or it cannot.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    fn time_device(&mut self) -> Result<bool, StudyError> {
+        Ok(false)
+    }
+
+    /// Time of the last update on the device, ms.
+    fn device_ms(&mut self) -> Option<f64> {
+        None
+    }
+}
+
+/// Inverses of the base that contenders start from.
+pub struct Sources {
+    /// In f64.
+    pub double: Source,
+    /// The same, rounded.
+    pub single: Source,
+}
+
+/// A contender that can be made.
+#[derive(Clone)]
+pub enum Kind {
+    /// A level from a dense inverse on the CPU.
+    Dense(Level, Precision),
+    /// The exact level from columns solved on demand.
+    OnDemand,
+    /// A level on a device.
+    Device(Level, Box<Gpu>),
+    /// A new factorisation and solutions for the contacts.
+    Refactored,
+}
+
+/// All that take part.
+pub fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
+    use Level::{Exact, I, II, III, IV};
+    let mut kinds = Vec::new();
+    if options.cpu {
+        for precision in [Precision::Double, Precision::Single] {
+            kinds.extend([I, II, III, IV, Exact].map(|level| Kind::Dense(level, precision)));
+        }
+        kinds.extend([Kind::OnDemand, Kind::Refactored]);
+    }
+    for gpu in gpus {
+        kinds.extend([I, II, III].map(|level| Kind::Device(level, Box::new(gpu.clone()))));
+    }
+    kinds
+}
+
+impl Kind {
+    /// Level, backend and precision, as they are named in tables.
+    pub fn choices(&self) -> [String; 3] {
+        let cpu = || "CPU".to_owned();
+        let double = || Precision::Double.to_string();
+        match self {
+            Kind::Dense(level, precision) => [level.to_string(), cpu(), precision.to_string()],
+            Kind::OnDemand => ["exact, columns on demand".to_owned(), cpu(), double()],
+            Kind::Refactored => ["refactorisation".to_owned(), cpu(), double()],
+            Kind::Device(level, gpu) => {
+                let report = gpu.report();
+                // The name ends where the driver's details begin.
+                let name = report.name.split(" (").next().unwrap_or(&report.name);
+                let kind = if report.software { "software GPU" } else { "GPU" };
+                [
+                    level.to_string(),
+                    format!("{kind} {name}"),
+                    Precision::Single.to_string(),
+                ]
+            }
+        }
+    }
+
+    /// The device it works on.
+    pub fn gpu(&self) -> Option<&Gpu> {
+        match self {
+            Kind::Device(_, gpu) => Some(gpu),
+            _ => None,
+        }
+    }
+
+    /// Makes it.
+    ///
+    /// # Errors
+    /// [`StudyError`] where the device has no room, or the precision does not suffice for the material.
+    pub fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, StudyError> {
+        let options = Options::default();
+        let mesh = &subject.mesh;
+        Ok(match self {
+            Kind::Dense(level, precision) => {
+                let source = match precision {
+                    Precision::Double => &sources.double,
+                    Precision::Single => &sources.single,
+                };
+                Box::new(Follower::Cpu(make(*level, *precision, source, mesh, options)?))
+            }
+            Kind::OnDemand => {
+                let columns = Columns::new(Arc::clone(&subject.factor), subject.size());
+                let source = Source::Columns(columns);
+                let remesher = make(Level::Exact, Precision::Double, &source, mesh, options)?;
+                Box::new(Follower::Cpu(remesher))
+            }
+            Kind::Device(level, gpu) => {
+                let levels = follow(gpu, mesh, &sources.single, *level, options)?;
+                Box::new(Follower::Device(Box::new(levels)))
+            }
+            Kind::Refactored => Box::new(Refactored::new(subject)?),
+        })
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [level, backend, precision] = self.choices();
+        write!(f, "{level} in {precision} on {backend}")
+    }
+}
+
+/// What a level promises in a precision.
+fn promise(level: Level, precision: Precision) -> Promise {
+    let Options {
+        residual_double,
+        residual_single,
+        ..
+    } = Options::default();
+    match (level, precision) {
+        (Level::I | Level::Exact, Precision::Double) => Promise::Exact { limit: residual_double },
+        (Level::I | Level::Exact, Precision::Single) => Promise::Exact { limit: residual_single },
+        (Level::II | Level::III | Level::IV, _) => Promise::Approximate,
+    }
+}
+
+/// A remesher; one on a device is known as such, so that it can be timed there.
+enum Follower {
+    Cpu(Box<dyn Remesher>),
+    Device(Box<DeviceLevels>),
+}
+
+impl Follower {
+    fn get(&self) -> &dyn Remesher {
+        match self {
+            Follower::Cpu(remesher) => &**remesher,
+            Follower::Device(levels) => &**levels,
+        }
+    }
+
+    fn get_mut(&mut self) -> &mut dyn Remesher {
+        match self {
+            Follower::Cpu(remesher) => &mut **remesher,
+            Follower::Device(levels) => &mut **levels,
+        }
+    }
+}
+
+impl Contender for Follower {
+    fn promise(&self) -> Promise {
+        promise(self.get().level(), self.get().precision())
+    }
+
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
+        Ok(self.get_mut().set_contacts(dofs)?)
+    }
+
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError> {
+        let report = self.get_mut().remesh(mesh, change)?;
+        Ok(Step {
+            bytes: (report.bytes_moved > 0).then_some(report.bytes_moved),
+            rebuilt: report.rebuilt.is_some(),
+        })
+    }
+
+    fn condensed(&self) -> MatRef<'_, f64> {
+        self.get().condensed()
+    }
+
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError> {
+        Ok(self.get_mut().compliance(rows, columns)?)
+    }
+
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
+        Ok(self.get_mut().displacement(forces, out)?)
+    }
+
+    fn time_device(&mut self) -> Result<bool, StudyError> {
+        match self {
+            Follower::Cpu(_) => Ok(false),
+            Follower::Device(levels) => {
+                levels.store().time_updates(true)?;
+                Ok(levels.store().gpu().has_timestamps())
+            }
+        }
+    }
+
+    fn device_ms(&mut self) -> Option<f64> {
+        match self {
+            Follower::Cpu(_) => None,
+            Follower::Device(levels) => levels.store().update_ms(),
+        }
+    }
+}
+
+/// A new factorisation at each change, with the analysis of the first.
+struct Refactored {
+    stiffness: Stiffness,
+    factor: Factor,
+    contacts: Vec<usize>,
+    solutions: Mat<f64>,
+    condensed: Mat<f64>,
+}
+
+impl Refactored {
+    fn new(subject: &Subject) -> Result<Self, StudyError> {
+        let stiffness = subject.mesh.stiffness().at_nodes(subject.mesh.nodes())?;
+        Ok(Refactored {
+            factor: Factor::new(&stiffness)?,
+            stiffness,
+            contacts: Vec::new(),
+            solutions: Mat::new(),
+            condensed: Mat::new(),
+        })
+    }
+
+    fn solve(&mut self) {
+        self.solutions.fill(0.0);
+        for (k, &dof) in self.contacts.iter().enumerate() {
+            self.solutions[(dof, k)] = 1.0;
+        }
+        self.factor.solve_many_in_place(self.solutions.as_mut());
+        for j in 0..self.contacts.len() {
+            for (i, &dof) in self.contacts.iter().enumerate() {
+                self.condensed[(i, j)] = self.solutions[(dof, j)];
+            }
+        }
+    }
+}
+
+impl Contender for Refactored {
+    fn promise(&self) -> Promise {
+        promise(Level::Exact, Precision::Double)
+    }
+
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
+        self.contacts = dofs.to_vec();
+        self.solutions = Mat::zeros(self.factor.size(), dofs.len());
+        self.condensed = Mat::zeros(dofs.len(), dofs.len());
+        self.solve();
+        Ok(())
+    }
+
+    fn remesh(&mut self, mesh: &AdaptedMesh, _: &Change) -> Result<Step, StudyError> {
+        self.stiffness = mesh.stiffness().at_nodes(mesh.nodes())?;
+        self.factor.refactor(&self.stiffness)?;
+        self.solve();
+        Ok(Step {
+            bytes: None,
+            rebuilt: true,
+        })
+    }
+
+    fn condensed(&self) -> MatRef<'_, f64> {
+        self.condensed.as_ref()
+    }
+
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError> {
+        let mut solutions = Mat::zeros(self.factor.size(), columns.len());
+        for (k, &dof) in columns.iter().enumerate() {
+            solutions[(dof, k)] = 1.0;
+        }
+        self.factor.solve_many_in_place(solutions.as_mut());
+        Ok(Mat::from_fn(rows.len(), columns.len(), |i, j| solutions[(rows[i], j)]))
+    }
+
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
+        out.fill(0.0);
+        for (&dof, force) in self.contacts.iter().zip(forces) {
+            out[dof] = *force;
+        }
+        self.factor.solve_in_place(out);
+        Ok(())
+    }
+}

@@ -1,0 +1,261 @@
+//! What was measured, as tables and figures.
+
+use super::contender::{Kind, Promise};
+use super::subject::Subject;
+use super::{Measured, RemeshOptions, StudyError, bandwidth};
+use crate::gpu::Gpu;
+use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::machine::Machine;
+use crate::study::spread::Spread;
+use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+
+const FACTORS: [Factor; 4] = [
+    Factor {
+        key: "nodes",
+        label: "nodes",
+    },
+    Factor {
+        key: "level",
+        label: "level",
+    },
+    Factor {
+        key: "backend",
+        label: "backend",
+    },
+    Factor {
+        key: "precision",
+        label: "precision",
+    },
+];
+
+const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
+    Axis {
+        key,
+        heading,
+        label,
+        log: true,
+    }
+}
+
+const fn linear(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
+    Axis {
+        key,
+        heading,
+        label,
+        log: false,
+    }
+}
+
+const ERROR_CONDENSED: Axis = log("error_condensed", "err K^c", "relative error of K^c");
+
+const AXES: [Axis; 14] = [
+    log("dofs", "dofs", "free degrees of freedom"),
+    log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
+    log(
+        "p95_ms",
+        "p95 ms",
+        "time of a remesh with its K^c (95th percentile), ms",
+    ),
+    log(
+        "device_ms",
+        "device ms",
+        "time of the update on the device (median), ms",
+    ),
+    log("moved_mb", "MB", "read and written by an update, MB"),
+    log("bandwidth_gb_s", "GB/s", "read and written, GB/s"),
+    linear("copy_share_percent", "% of copy", "share of the bandwidth of a copy, %"),
+    log("error_inverse", "err K^-1", "relative error of sampled columns of K^-1"),
+    ERROR_CONDENSED,
+    log(
+        "error_solution",
+        "err u",
+        "relative error of displacements under a fixed load",
+    ),
+    log("residual", "residual", "largest |K X e - e|"),
+    log("error_drift", "err K^c, end", "relative error of K^c after all updates"),
+    linear("updates", "updates", "updates"),
+    linear("rebuilds", "rebuilds", "computed anew, times"),
+];
+
+const DRIFT: [Axis; 2] = [log("updates", "updates", "updates"), ERROR_CONDENSED];
+
+/// A study that is being filled in.
+pub(super) struct Report {
+    study: Study,
+    remesh: Table,
+    drift: Table,
+    copy_cpu: f64,
+    copy_gpus: Vec<(String, f64)>,
+}
+
+impl Report {
+    pub fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, StudyError> {
+        let copy_cpu = bandwidth::of_cpu();
+        let copy_gpus = gpus
+            .iter()
+            .map(|gpu| Ok((gpu.report().name.clone(), bandwidth::of_gpu(gpu)?)));
+        let copy_gpus = copy_gpus.collect::<Result<Vec<_>, StudyError>>()?;
+        let list = |text: &dyn Fn(&Subject) -> String| subjects.iter().map(text).collect::<Vec<_>>().join(", ");
+        let mut about = vec![
+            ("nodes", list(&|subject| subject.nodes().to_string())),
+            ("elements", list(&|subject| subject.mesh.elements().len().to_string())),
+            ("degrees_of_freedom", list(&|subject| subject.size().to_string())),
+            (
+                "inverse_mb_f32",
+                list(&|subject| format!("{:.0}", megabytes(Symmetric::<f32>::bytes_of(subject.size())))),
+            ),
+            (
+                "contact_degrees_of_freedom",
+                list(&|subject| subject.contacts.len().to_string()),
+            ),
+            ("moves_of_an_insertion", list(&|subject| subject.inserted().to_string())),
+            ("rank", list(&|subject| format!("{:.0}", subject.rank()))),
+            ("updates", options.updates.to_string()),
+            ("young_kpa", options.young_kpa.to_string()),
+            ("poisson", options.poisson.to_string()),
+            ("copy_gb_s", format!("{:.1}", copy_cpu * 1e-9)),
+        ];
+        for (name, copy) in &copy_gpus {
+            about.push(("copy_gb_s_of_gpu", format!("{:.1} ({name})", copy * 1e-9)));
+        }
+        let mut notes = Vec::new();
+        if gpus.iter().any(|gpu| gpu.report().software) {
+            notes.push("a software GPU runs on the CPU: its times say nothing of a GPU".to_owned());
+        }
+        Ok(Report {
+            study: Study {
+                name: "tradeoff-remesh",
+                about,
+                machine: Machine::here(),
+                tables: Vec::new(),
+                figures: figures(subjects),
+                notes,
+            },
+            remesh: Table::new(
+                "remesh",
+                "What a remesh costs, and how far it is from the truth",
+                &FACTORS,
+                &AXES,
+            ),
+            drift: Table::new("drift", "Error of K^c after so many updates", &FACTORS, &DRIFT),
+            copy_cpu,
+            copy_gpus,
+        })
+    }
+
+    pub fn add(&mut self, subject: &Subject, kind: &Kind, promise: Promise, measured: Measured) {
+        let choices: Vec<String> = std::iter::once(subject.nodes().to_string())
+            .chain(kind.choices())
+            .collect();
+        let updates = measured.times_ms.len();
+        let time = Spread::of(measured.times_ms);
+        let bytes = median(measured.bytes.iter().map(|bytes| *bytes as f64).collect());
+        let rate = time.zip(bytes).map(|(time, bytes)| bytes / (time.median_ms * 1e-3));
+        let copy = match kind.gpu() {
+            None => Some(self.copy_cpu),
+            Some(gpu) => {
+                let own = self.copy_gpus.iter().find(|(name, _)| *name == gpu.report().name);
+                own.map(|(_, copy)| *copy)
+            }
+        };
+        let error = |at: usize| measured.errors.map(|errors| errors[at]);
+        for (after, error) in &measured.drift {
+            let values = vec![Some(*after as f64), Some(*error)];
+            self.drift.push(choices.clone(), values, None);
+        }
+        let flag = measured.flag;
+        if let (Some(flag), Promise::Exact { .. }) = (&flag, promise) {
+            self.study
+                .notes
+                .push(format!("{} nodes, {kind}: {flag}", subject.nodes()));
+        }
+        let values = vec![
+            Some(subject.size() as f64),
+            time.map(|time| time.median_ms),
+            time.map(|time| time.p95_ms),
+            median(measured.device_ms),
+            bytes.map(|bytes| bytes * 1e-6),
+            rate.map(|rate| rate * 1e-9),
+            rate.zip(copy).map(|(rate, copy)| 100.0 * rate / copy),
+            error(0),
+            error(1),
+            error(2),
+            error(3),
+            measured.drift.last().map(|(_, error)| *error),
+            Some(updates as f64),
+            Some(measured.rebuilds as f64),
+        ];
+        self.remesh.push(choices, values, flag);
+    }
+
+    pub fn note(&mut self, note: String) {
+        self.study.notes.push(note);
+    }
+
+    pub fn finish(mut self) -> Study {
+        self.remesh.mark_front("median_ms", "error_condensed", "nodes");
+        self.study.tables = vec![self.remesh, self.drift];
+        self.study
+    }
+}
+
+fn figures(subjects: &[Subject]) -> Vec<Figure> {
+    let figure = |file: &str, title: String, table, x, y| Figure {
+        file: file.to_owned(),
+        title,
+        table,
+        x,
+        y,
+        colour: "level",
+        marker: vec!["backend", "precision"],
+        only: Vec::new(),
+        joined: true,
+        front: false,
+    };
+    let mut figures = Vec::new();
+    for subject in subjects {
+        let nodes = subject.nodes();
+        let only = vec![("nodes", nodes.to_string())];
+        let several = if subjects.len() > 1 {
+            format!("-{nodes}")
+        } else {
+            String::new()
+        };
+        figures.push(Figure {
+            only: only.clone(),
+            joined: false,
+            front: true,
+            ..figure(
+                &format!("remesh-error-time{several}"),
+                format!("Remeshing {nodes} nodes: what accuracy costs"),
+                "remesh",
+                "median_ms",
+                "error_condensed",
+            )
+        });
+        figures.push(Figure {
+            only,
+            ..figure(
+                &format!("remesh-drift{several}"),
+                format!("Remeshing {nodes} nodes: does the error grow?"),
+                "drift",
+                "updates",
+                "error_condensed",
+            )
+        });
+    }
+    if subjects.len() > 1 {
+        let title = "Remeshing: growth with the size of the mesh".to_owned();
+        figures.push(figure("remesh-size", title, "remesh", "dofs", "median_ms"));
+    }
+    figures
+}
+
+fn megabytes(bytes: usize) -> f64 {
+    bytes as f64 * 1e-6
+}
+
+/// The nearest-rank median; none of nothing.
+fn median(values: Vec<f64>) -> Option<f64> {
+    Spread::of(values).map(|spread| spread.median_ms)
+}

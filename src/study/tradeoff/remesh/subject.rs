@@ -1,0 +1,198 @@
+//! The mesh that is studied: its supports, its contacts, and the moves that a needle makes in it.
+
+use std::sync::Arc;
+
+use super::{RemeshOptions, StudyError};
+use crate::mechanics::mesh::locator::{Locator, NONE};
+use crate::mechanics::mesh::{InvalidMesh, TetMesh};
+use crate::mechanics::tissue::dofs::Dofs;
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::remesh::corner::best_corner;
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
+use crate::random::{hash3, seed_words, unit};
+
+/// Nodes in contact: half of them with the needle, where it has moved that many, the others around its entry.
+const CONTACTS: usize = 20;
+/// Fewer moves make no track.
+pub const LEAST_MOVES: usize = 3;
+/// Share of the extent along z whose nodes are fixed.
+const FIXED: f64 = 0.02;
+/// Where the needle enters and where it would come to rest, as shares of the box of the mesh.
+const LINE: [[f64; 3]; 2] = [[0.43, 0.46, 1.0], [0.57, 0.53, 0.12]];
+/// Box of the generated mesh, mm.
+const BOX_MM: [f64; 3] = [120.0, 100.0, 80.0];
+/// By how much its inner nodes are shaken, as a share of the lattice.
+const SHAKEN: f64 = 0.12;
+
+/// A mesh on its supports with the moves of one insertion.
+pub struct Subject {
+    /// With every node at its base.
+    pub mesh: AdaptedMesh,
+    /// Of its stiffness.
+    pub factor: Arc<Factor>,
+    /// Degrees of freedom in contact.
+    pub contacts: Vec<usize>,
+    /// A node and where it is moved (mm), in order.
+    track: Vec<(u32, [f64; 3])>,
+}
+
+/// A block of about `nodes` nodes, its inner ones shaken so that no two elements are alike.
+///
+/// # Errors
+/// [`InvalidMesh`] where that makes no mesh.
+pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
+    let regular = TetMesh::over_box([0.0; 3], BOX_MM, nodes)?;
+    let edge = (BOX_MM.iter().product::<f64>() / regular.nodes().len() as f64).cbrt();
+    let shaken = regular.nodes().iter().zip(0..).map(|(place, node)| {
+        let words = hash3([node, 0, 0], seed_words(1));
+        std::array::from_fn(|axis| {
+            let inside = place[axis] > 0.0 && place[axis] < BOX_MM[axis];
+            let shift = SHAKEN * edge * (2.0 * f64::from(unit(words[axis])) - 1.0);
+            place[axis] + if inside { shift } else { 0.0 }
+        })
+    });
+    TetMesh::new(
+        shaken.collect(),
+        regular.elements().to_vec(),
+        regular.regions().to_vec(),
+    )
+}
+
+impl Subject {
+    /// Fixes the lowest nodes along z, makes everything of one material, and finds out which corners a needle moves that
+    /// goes down through the middle.
+    ///
+    /// # Errors
+    /// [`StudyError`].
+    pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, StudyError> {
+        let (low, high) = bounds(mesh.nodes());
+        let at = |share: [f64; 3]| -> [f64; 3] {
+            std::array::from_fn(|axis| low[axis] + share[axis] * (high[axis] - low[axis]))
+        };
+        let floor = at([0.0, 0.0, FIXED])[2];
+        let fixed = mesh.nodes().iter().zip(0..).filter(|(place, _)| place[2] <= floor);
+        let fixed = fixed.flat_map(|(_, node)| [0, 1, 2].map(|axis| (node, axis)));
+        let dofs = Dofs::new(mesh.nodes().len(), fixed);
+        let material = Material::new(options.young_kpa, options.poisson)?;
+        let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], &dofs)?;
+        let factor = Arc::new(Factor::new(adapted.stiffness())?);
+        let [entry, rest] = LINE.map(at);
+        let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
+        let track = track(mesh, adapted.clone(), [entry, rest], &around, options.moves)?;
+        let step = track.len().div_ceil(CONTACTS - around.len()).max(1);
+        let touched = track.iter().map(|(node, _)| *node).step_by(step);
+        let nodes: Vec<u32> = around.iter().copied().chain(touched).collect();
+        let contacts = nodes
+            .iter()
+            .flat_map(|node| adapted.dofs().of(*node))
+            .map(|dof| dof as usize);
+        Ok(Subject {
+            contacts: contacts.collect(),
+            mesh: adapted,
+            factor,
+            track,
+        })
+    }
+
+    /// Nodes of the mesh.
+    pub fn nodes(&self) -> usize {
+        self.mesh.nodes().len()
+    }
+
+    /// Free degrees of freedom.
+    pub fn size(&self) -> usize {
+        self.mesh.dofs().free()
+    }
+
+    /// Updates until the needle is in for the first time.
+    pub fn inserted(&self) -> usize {
+        self.track.len()
+    }
+
+    /// The mean number of degrees of freedom around a moved node (s).
+    pub fn rank(&self) -> f64 {
+        let free = |node: &u32| self.mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
+        let ranks = self
+            .track
+            .iter()
+            .map(|(node, _)| self.mesh.neighbours(*node).iter().map(free).sum::<usize>());
+        ranks.sum::<usize>() as f64 / self.track.len() as f64
+    }
+
+    /// Makes the change after `done` of them: the next move in, or the last one undone.
+    ///
+    /// # Errors
+    /// [`StudyError::Move`], which would be a fault of the mesh: all moves have been tried.
+    pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, StudyError> {
+        let (length, place) = (self.track.len(), done % (2 * self.track.len()));
+        let moved = mesh.moves().len();
+        if place < length {
+            let (node, to) = self.track[place];
+            return Ok(mesh.move_node(node, to)?);
+        }
+        mesh.undo()?.ok_or(StudyError::Track { moves: moved })
+    }
+}
+
+fn bounds(nodes: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
+    let fold = |start: f64, pick: fn(f64, f64) -> f64| -> [f64; 3] {
+        std::array::from_fn(|axis| nodes.iter().fold(start, |bound, node| pick(bound, node[axis])))
+    };
+    (fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// The free nodes nearest to a place.
+fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec<u32>, StudyError> {
+    let distance = |node: u32| -> f64 {
+        let position = mesh.nodes()[node as usize];
+        (0..3).map(|axis| (position[axis] - place[axis]).powi(2)).sum()
+    };
+    let mut free: Vec<u32> = (0..mesh.nodes().len() as u32)
+        .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
+        .collect();
+    if free.len() < 2 * count {
+        return Err(StudyError::Contacts {
+            found: free.len(),
+            expected: 2 * count,
+        });
+    }
+    free.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
+    free.truncate(count);
+    Ok(free)
+}
+
+/// The moves of a needle along a line.
+fn track(
+    base: &TetMesh,
+    mut mesh: AdaptedMesh,
+    [entry, rest]: [[f64; 3]; 2],
+    taken: &[u32],
+    most: usize,
+) -> Result<Vec<(u32, [f64; 3])>, StudyError> {
+    let mut locator = Locator::<f64>::new(base);
+    let mut track: Vec<(u32, [f64; 3])> = Vec::new();
+    let mut last = NONE;
+    // Fine enough that few elements are jumped over.
+    let steps = (20.0 * (base.nodes().len() as f64).cbrt()) as usize;
+    for step in 1..=steps {
+        let share = step as f64 / steps as f64;
+        let tip: [f64; 3] = std::array::from_fn(|axis| entry[axis] + share * (rest[axis] - entry[axis]));
+        let element = locator.locate(tip, last).element;
+        if element == NONE || element == last || track.len() >= most {
+            continue;
+        }
+        last = element;
+        let is_taken = |node| taken.contains(&node) || track.iter().any(|(moved, _)| *moved == node);
+        let Ok(corner) = best_corner(&mesh, element, tip, is_taken) else {
+            continue;
+        };
+        mesh.move_node(corner.node, tip)?;
+        locator.update(mesh.nodes())?;
+        track.push((corner.node, tip));
+    }
+    match track.len() {
+        moves if moves < LEAST_MOVES => Err(StudyError::Track { moves }),
+        _ => Ok(track),
+    }
+}

@@ -1,0 +1,177 @@
+use super::contender::{Promise, Step};
+use super::subject::generated;
+use super::*;
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
+use faer::{Mat, MatRef};
+
+fn options() -> RemeshOptions {
+    RemeshOptions {
+        moves: 6,
+        updates: 30,
+        ..RemeshOptions::default()
+    }
+}
+
+fn small() -> TetMesh {
+    generated(400).unwrap()
+}
+
+#[test]
+fn every_level_is_measured_and_keeps_what_it_promises() {
+    let mut told = Vec::new();
+    let study = study(&[small()], &[], &options(), &mut |_, share| told.push(share)).unwrap();
+    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    let table = &study.tables[0];
+    assert_eq!(
+        table.rows.len(),
+        12,
+        "five levels twice, columns on demand, refactorisation"
+    );
+    let value = |row: &crate::study::tradeoff::Row, key: &str| {
+        row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()]
+    };
+    for row in &table.rows {
+        assert_eq!(row.flag, None, "{row:?}");
+        assert_eq!(value(row, "updates"), Some(30.0));
+        let error = value(row, "error_condensed").unwrap();
+        let level = row.choices[1].as_str();
+        // II, III and IV leave entries as they were, and the needle moves its own contacts: that shows in the first digits.
+        if ["II", "III", "IV"].contains(&level) {
+            assert!(error > 1e-4, "{row:?}");
+        } else {
+            let limit = if row.choices[3] == "f64" { 1e-9 } else { 1e-2 };
+            assert!(error < limit, "{row:?}");
+        }
+    }
+    assert!(table.rows.iter().any(|row| row.best));
+    // Each state of the first insertion, and 10 and 30 updates, of each row.
+    let drift = &study.tables[1];
+    let states = drift.rows.len() / table.rows.len();
+    assert!(states >= 3 + 2, "{states} states");
+    for (row, of) in drift.rows.chunks(states).zip(&table.rows) {
+        assert!(row.iter().all(|row| row.choices == of.choices));
+        let updates: Vec<f64> = row.iter().filter_map(|row| row.values[0]).collect();
+        assert!(updates.is_sorted() && updates[..3] == [1.0, 2.0, 3.0], "{updates:?}");
+        assert_eq!(updates[states - 2..], [10.0, 30.0]);
+    }
+    assert!(study.notes.is_empty(), "{:?}", study.notes);
+}
+
+/// Follows exactly, but for an error that no rounding explains.
+struct Wrong {
+    truth: Box<dyn Contender>,
+    off: f64,
+    condensed: Mat<f64>,
+}
+
+impl Contender for Wrong {
+    fn promise(&self) -> Promise {
+        self.truth.promise()
+    }
+
+    fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
+        self.truth.set_contacts(dofs)
+    }
+
+    fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError> {
+        let step = self.truth.remesh(mesh, change)?;
+        self.condensed = self.truth.condensed().to_owned();
+        self.condensed[(0, 0)] *= 1.0 + self.off;
+        Ok(step)
+    }
+
+    fn condensed(&self) -> MatRef<'_, f64> {
+        self.condensed.as_ref()
+    }
+
+    fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError> {
+        self.truth.block(rows, columns)
+    }
+
+    fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
+        self.truth.displacement(forces, out)
+    }
+}
+
+#[test]
+fn a_level_that_is_wrong_is_flagged_by_its_error() {
+    let options = options();
+    let subject = Subject::new(&small(), &options).unwrap();
+    let truth = Truth::new(&subject, &options).unwrap();
+    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {}).unwrap());
+    let sources = Sources {
+        single: Source::Single(Arc::new(double.cast())),
+        double: Source::Double(double),
+    };
+    let exact = Kind::Dense(
+        crate::mechanics::tissue::remesh::Level::Exact,
+        crate::mechanics::tissue::remesh::Precision::Double,
+    );
+    for (off, flagged) in [(0.0, false), (1e-5, true), (f64::NAN, true)] {
+        let mut contender = Wrong {
+            truth: exact.make(&subject, &sources).unwrap(),
+            off,
+            condensed: Mat::new(),
+        };
+        let measured = measure(&mut contender, &subject, &truth, &options);
+        let found = measured.errors.map_or(f64::NAN, |errors| errors[1]);
+        assert!(off.is_nan() || (found <= 1e-9) == (off == 0.0), "off by {off}: {found}");
+        assert_eq!(measured.flag.is_some(), flagged, "off by {off}: {:?}", measured.flag);
+    }
+}
+
+#[test]
+fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
+    let refused = check_memory(30_000, &[], Some(1 << 30)).unwrap_err();
+    let StudyError::Memory {
+        size,
+        needed,
+        available,
+    } = refused
+    else {
+        panic!("{refused}")
+    };
+    assert_eq!((size, available), (30_000, 1 << 30));
+    assert!(needed > 2 * Symmetric::<f64>::bytes_of(size));
+    assert!(check_memory(3000, &[], Some(1 << 30)).is_ok());
+    assert!(check_memory(30_000, &[], None).is_ok());
+
+    let tiny = TetMesh::over_box([0.0; 3], [1.0; 3], 27).unwrap();
+    let refused = Subject::new(&tiny, &options()).err().expect("27 nodes are too few");
+    assert!(refused.to_string().contains("expected"), "{refused}");
+    let wrong = RemeshOptions {
+        poisson: 0.5,
+        ..options()
+    };
+    assert!(matches!(
+        Subject::new(&small(), &wrong).err(),
+        Some(StudyError::Material(_))
+    ));
+    // f32 does not suffice near incompressibility: said, not measured.
+    let nearly = RemeshOptions {
+        poisson: 0.499,
+        ..options()
+    };
+    let study = study(&[small()], &[], &nearly, &mut |_, _| {}).unwrap();
+    assert!(
+        study
+            .notes
+            .iter()
+            .any(|note| note.contains("0.499") && note.contains("not measured")),
+        "{:?}",
+        study.notes
+    );
+}
+
+#[test]
+fn an_insertion_moves_each_node_once_and_a_withdrawal_restores_all() {
+    let options = options();
+    let subject = Subject::new(&small(), &options).unwrap();
+    let mut mesh = subject.mesh.clone();
+    for done in 0..2 * subject.inserted() {
+        subject.step(&mut mesh, done).unwrap();
+        let away = (done + 1).min(2 * subject.inserted() - done - 1);
+        assert_eq!(mesh.away().len(), away);
+    }
+    assert_eq!(mesh.nodes(), subject.mesh.nodes());
+}

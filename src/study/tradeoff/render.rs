@@ -1,0 +1,277 @@
+//! Text, JSON, CSV and plots of a study.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+use super::{Axis, Figure, Row, Study, Table};
+use crate::output::atomic::{self, WriteError};
+use crate::output::png::{self, PngError};
+use crate::study::plot::{self, Marker, Plot, PlotError, Series};
+
+/// Why the files of a study cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The disk refuses.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The disk refuses a picture.
+    #[error(transparent)]
+    Png(#[from] PngError),
+    /// A plot cannot be drawn.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+}
+
+impl Study {
+    /// The study for people: settings, tables, notes.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for (key, value) in &self.about {
+            let _ = writeln!(text, "{key}: {value}");
+        }
+        let _ = writeln!(text, "machine: {}", self.machine);
+        for table in &self.tables {
+            let _ = write!(text, "\n{}\n{}", table.title, table.text());
+        }
+        if !self.notes.is_empty() {
+            text.push('\n');
+        }
+        for note in &self.notes {
+            let _ = writeln!(text, "note: {note}");
+        }
+        text
+    }
+
+    /// The study for programs.
+    pub fn json(&self) -> Value {
+        let about: Map<String, Value> = self
+            .about
+            .iter()
+            .map(|(key, value)| ((*key).to_owned(), json!(value)))
+            .collect();
+        let tables: Map<String, Value> = self
+            .tables
+            .iter()
+            .map(|table| (table.key.to_owned(), table.json()))
+            .collect();
+        json!({
+            "study": self.name,
+            "about": about,
+            "machine": self.machine,
+            "tables": tables,
+            "figures": self.figures,
+            "notes": self.notes,
+        })
+    }
+
+    /// The plots, each with the stem of its files. One without a point is left out.
+    pub fn plots(&self) -> Vec<(&str, Plot)> {
+        let figures = self.figures.iter().filter_map(|figure| {
+            let table = self.tables.iter().find(|table| table.key == figure.table)?;
+            Some((figure.file.as_str(), table.plot(figure)?))
+        });
+        figures.collect()
+    }
+
+    /// Writes every table as CSV, the whole as JSON, and every plot as PNG and SVG into a folder that exists. Returns the
+    /// names of the files, in the order written.
+    ///
+    /// # Errors
+    /// [`RenderError`]. Each file appears whole or not at all.
+    pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
+        let mut files = Vec::new();
+        let mut put = |name: String, bytes: &[u8]| -> Result<(), RenderError> {
+            atomic::write(&folder.join(&name), |file| std::io::Write::write_all(file, bytes))?;
+            files.push(name);
+            Ok(())
+        };
+        for table in &self.tables {
+            put(format!("{}.csv", table.key), table.csv().as_bytes())?;
+        }
+        put(format!("{}.json", self.name), format!("{:#}\n", self.json()).as_bytes())?;
+        let plots = self.plots();
+        for (stem, plot) in &plots {
+            put(format!("{stem}.svg"), plot.svg()?.as_bytes())?;
+        }
+        for (stem, plot) in &plots {
+            let name = format!("{stem}.png");
+            let [width, height] = plot::SIZE.map(|x| x as usize);
+            png::write_rgb(&folder.join(&name), width, height, &plot.rgb()?)?;
+            files.push(name);
+        }
+        Ok(files)
+    }
+}
+
+impl Table {
+    /// Aligned columns; best choices have a star, flags stand behind.
+    pub fn text(&self) -> String {
+        let shown: Vec<usize> = (0..self.axes.len())
+            .filter(|at| self.rows.iter().any(|row| row.values[*at].is_some()))
+            .collect();
+        let headings = self.factors.iter().map(|factor| factor.label);
+        let mut lines: Vec<Vec<String>> = vec![
+            std::iter::once("")
+                .chain(headings)
+                .chain(shown.iter().map(|at| self.axes[*at].heading))
+                .map(str::to_owned)
+                .collect(),
+        ];
+        for row in &self.rows {
+            let star = if row.best { "*" } else { "" };
+            let values = shown.iter().map(|at| row.values[*at].map_or("-".to_owned(), number));
+            lines.push(
+                std::iter::once(star.to_owned())
+                    .chain(row.choices.iter().cloned())
+                    .chain(values)
+                    .collect(),
+            );
+        }
+        let columns = 1 + self.factors.len() + shown.len();
+        let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..columns).map(width).collect();
+        let mut text = String::new();
+        for (at, line) in lines.iter().enumerate() {
+            let mut out = String::new();
+            for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
+                // Names to the left, numbers to the right.
+                let _ = match column <= self.factors.len() {
+                    true => write!(out, "{cell:<width$}  "),
+                    false => write!(out, "{cell:>width$}  "),
+                };
+            }
+            if let Some(flag) = at.checked_sub(1).and_then(|row| self.rows[row].flag.as_ref()) {
+                let _ = write!(out, "WRONG: {flag}");
+            }
+            let _ = writeln!(text, "{}", out.trim_end());
+        }
+        text
+    }
+
+    /// Comma-separated values with a header; full precision, nothing where nothing was measured.
+    pub fn csv(&self) -> String {
+        let quote = |text: &str| match text.contains([',', '"', '\n']) {
+            true => format!("\"{}\"", text.replace('"', "\"\"")),
+            false => text.to_owned(),
+        };
+        let keys = self.factors.iter().map(|factor| factor.key);
+        let keys = keys
+            .chain(self.axes.iter().map(|axis| axis.key))
+            .chain(["best", "flag"]);
+        let mut text = keys.collect::<Vec<_>>().join(",");
+        text.push('\n');
+        for row in &self.rows {
+            let values = row
+                .values
+                .iter()
+                .map(|value| value.map_or(String::new(), |x| format!("{x}")));
+            let cells = row.choices.iter().map(|choice| quote(choice)).chain(values);
+            let end = [row.best.to_string(), quote(row.flag.as_deref().unwrap_or(""))];
+            text.push_str(&cells.chain(end).collect::<Vec<_>>().join(","));
+            text.push('\n');
+        }
+        text
+    }
+
+    fn json(&self) -> Value {
+        let row = |row: &Row| {
+            let mut map = Map::new();
+            for (factor, choice) in self.factors.iter().zip(&row.choices) {
+                map.insert(factor.key.to_owned(), json!(choice));
+            }
+            for (axis, value) in self.axes.iter().zip(&row.values) {
+                map.insert(axis.key.to_owned(), json!(value));
+            }
+            map.insert("best".to_owned(), json!(row.best));
+            map.insert("flag".to_owned(), json!(row.flag));
+            Value::Object(map)
+        };
+        json!({
+            "title": self.title,
+            "axes": self.axes,
+            "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The plot of a figure; none without a point.
+    fn plot(&self, figure: &Figure) -> Option<Plot> {
+        let (x, y) = (self.axis(figure.x)?, self.axis(figure.y)?);
+        let colour = self.factor(figure.colour)?;
+        let markers: Vec<usize> = figure.marker.iter().filter_map(|key| self.factor(key)).collect();
+        let wanted = |row: &&Row| {
+            let kept = |(key, choice): &(&str, String)| self.factor(key).is_some_and(|at| row.choices[at] == *choice);
+            figure.only.iter().all(kept)
+        };
+        let [x_axis, y_axis] = [x, y].map(|at| axis(&self.axes[at]));
+        let mut colours: Vec<String> = Vec::new();
+        let mut kinds: Vec<String> = Vec::new();
+        let mut series: Vec<Series> = Vec::new();
+        let mut all = Vec::new();
+        for row in self.rows.iter().filter(wanted) {
+            let (Some(across), Some(up)) = (row.values[x], row.values[y]) else {
+                continue;
+            };
+            let point = [across, up];
+            if row.flag.is_none() {
+                all.push(point);
+            }
+            let name = &row.choices[colour];
+            let kind = markers
+                .iter()
+                .map(|at| row.choices[*at].as_str())
+                .collect::<Vec<_>>()
+                .join(", ");
+            let (own, marker) = (place(&mut colours, name), Marker::nth(place(&mut kinds, &kind)));
+            let of_this = |series: &&mut Series| series.colour == own && series.marker == marker;
+            match series.iter_mut().find(of_this) {
+                Some(series) => series.points.push(point),
+                None => series.push(Series {
+                    name: name.clone(),
+                    points: vec![point],
+                    joined: figure.joined,
+                    marker,
+                    colour: own,
+                }),
+            }
+        }
+        (!series.is_empty()).then(|| Plot {
+            title: figure.title.clone(),
+            x: x_axis,
+            y: y_axis,
+            series,
+            markers: kinds.into_iter().filter(|kind| !kind.is_empty()).collect(),
+            front: if figure.front { plot::pareto(&all) } else { Vec::new() },
+        })
+    }
+}
+
+/// Where a name is among those seen, at the end if it is new.
+fn place(seen: &mut Vec<String>, name: &str) -> usize {
+    seen.iter().position(|other| other == name).unwrap_or_else(|| {
+        seen.push(name.to_owned());
+        seen.len() - 1
+    })
+}
+
+fn axis(axis: &Axis) -> plot::Axis {
+    match axis.log {
+        true => plot::Axis::log(axis.label),
+        false => plot::Axis::linear(axis.label),
+    }
+}
+
+/// Three digits, with a power of ten where the number is small or large.
+fn number(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = value.abs().log10().floor();
+    if (-3.0..6.0).contains(&exponent) {
+        let digits = (2.0 - exponent).clamp(0.0, 5.0) as usize;
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.1e}")
+    }
+}

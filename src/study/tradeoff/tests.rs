@@ -1,0 +1,193 @@
+use super::*;
+use crate::study::plot::Marker;
+
+const FACTORS: [Factor; 3] = [
+    Factor {
+        key: "size",
+        label: "size",
+    },
+    Factor {
+        key: "way",
+        label: "way",
+    },
+    Factor { key: "on", label: "on" },
+];
+const AXES: [Axis; 3] = [
+    Axis {
+        key: "ms",
+        heading: "ms",
+        label: "time, ms",
+        log: true,
+    },
+    Axis {
+        key: "error",
+        heading: "err",
+        label: "relative error",
+        log: true,
+    },
+    Axis {
+        key: "mb",
+        heading: "MB",
+        label: "memory, MB",
+        log: false,
+    },
+];
+
+fn row(table: &mut Table, choices: [&str; 3], values: [Option<f64>; 3], flag: Option<&str>) {
+    table.push(
+        choices.map(str::to_owned).to_vec(),
+        values.to_vec(),
+        flag.map(str::to_owned),
+    );
+}
+
+/// Four ways at one size, one of them wrong, and two at another.
+fn table() -> Table {
+    let mut table = Table::new("ways", "Ways", &FACTORS, &AXES);
+    row(&mut table, ["10", "slow", "a"], [Some(10.0), Some(1e-12), None], None);
+    row(&mut table, ["10", "fast", "a"], [Some(1.0), Some(1e-3), None], None);
+    row(&mut table, ["10", "worse", "b"], [Some(2.0), Some(1e-2), None], None);
+    row(
+        &mut table,
+        ["10", "wrong, \"x\"", "b"],
+        [Some(0.1), Some(1e-15), None],
+        Some("off"),
+    );
+    row(&mut table, ["20", "slow", "a"], [Some(100.0), Some(1e-11), None], None);
+    row(
+        &mut table,
+        ["20", "fast", "b"],
+        [Some(50.0), Some(f64::NAN), None],
+        None,
+    );
+    table.mark_front("ms", "error", "size");
+    table
+}
+
+fn study() -> Study {
+    Study {
+        name: "tradeoff-test",
+        about: vec![("nodes", "10, 20".to_owned())],
+        machine: Machine::here(),
+        tables: vec![table()],
+        figures: vec![
+            Figure {
+                file: "cost".to_owned(),
+                title: "What it costs".to_owned(),
+                table: "ways",
+                x: "ms",
+                y: "error",
+                colour: "way",
+                marker: vec!["on"],
+                only: vec![("size", "10".to_owned())],
+                joined: false,
+                front: true,
+            },
+            Figure {
+                file: "nothing".to_owned(),
+                title: "Nothing was measured".to_owned(),
+                table: "ways",
+                x: "ms",
+                y: "mb",
+                colour: "way",
+                marker: vec![],
+                only: vec![],
+                joined: true,
+                front: false,
+            },
+        ],
+        notes: vec!["one was left out".to_owned()],
+    }
+}
+
+#[test]
+fn the_best_are_found_within_each_group_and_broken_promises_are_none() {
+    let best: Vec<bool> = table().rows.iter().map(|row| row.best).collect();
+    assert_eq!(best, [true, true, false, false, true, false]);
+}
+
+#[test]
+fn what_is_not_finite_is_flagged_and_counts_as_not_measured() {
+    let table = table();
+    let row = &table.rows[5];
+    assert_eq!(row.values, [Some(50.0), None, None]);
+    assert_eq!(row.flag.as_deref(), Some("not finite: error"));
+}
+
+#[test]
+fn text_json_and_csv_say_the_same() {
+    let study = study();
+    let text = study.text();
+    assert!(
+        text.contains("nodes: 10, 20") && text.contains("note: one was left out"),
+        "{text}"
+    );
+    let lines: Vec<&str> = text.lines().filter(|line| line.contains("slow")).collect();
+    assert!(
+        lines[0].starts_with('*') && lines[0].contains("10.0") && lines[0].contains("1.0e-12"),
+        "{text}"
+    );
+    assert!(
+        text.lines()
+            .any(|line| line.contains("wrong") && line.ends_with("WRONG: off")),
+        "{text}"
+    );
+    assert!(!text.contains("MB"), "a column that nobody filled is not shown: {text}");
+
+    let json = study.json();
+    let rows = json["tables"]["ways"]["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 6);
+    assert_eq!(rows[1]["way"], "fast");
+    assert_eq!(rows[1]["error"], 1e-3);
+    assert_eq!(rows[1]["best"], true);
+    assert!(rows[5]["error"].is_null());
+
+    let table = &study.tables[0];
+    let mut reader = csv::Reader::from_reader(table.csv().leak().as_bytes());
+    assert_eq!(
+        reader.headers().unwrap().iter().collect::<Vec<_>>(),
+        ["size", "way", "on", "ms", "error", "mb", "best", "flag"]
+    );
+    let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(&records[3][1], "wrong, \"x\"");
+    for (record, row) in records.iter().zip(&table.rows) {
+        assert_eq!(record[3].parse::<f64>().ok(), row.values[0]);
+        assert_eq!(record[4].parse::<f64>().ok(), row.values[1]);
+        assert_eq!(&record[6], row.best.to_string());
+    }
+}
+
+#[test]
+fn figures_take_their_rows_and_leave_out_what_has_none() {
+    let study = study();
+    let plots = study.plots();
+    assert_eq!(plots.len(), 1);
+    let (name, plot) = &plots[0];
+    assert_eq!(*name, "cost");
+    assert_eq!(plot.series.len(), 4);
+    assert_eq!(plot.markers, ["a", "b"]);
+    assert_eq!(plot.series[2].marker, Marker::nth(1));
+    assert_eq!(
+        plot.front,
+        [[1.0, 1e-3], [10.0, 1e-12]],
+        "the flagged point is none of the best"
+    );
+    plot.svg().unwrap();
+}
+
+#[test]
+fn files_are_written_whole_and_the_same_each_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = study().write(folder.path()).unwrap();
+    assert_eq!(files, ["ways.csv", "tradeoff-test.json", "cost.svg", "cost.png"]);
+    let read = || {
+        files
+            .iter()
+            .map(|file| std::fs::read(folder.path().join(file)).unwrap())
+            .collect::<Vec<_>>()
+    };
+    let first = read();
+    study().write(folder.path()).unwrap();
+    assert_eq!(read(), first);
+    assert!(study().write(&folder.path().join("none")).is_err());
+}
