@@ -251,7 +251,7 @@ impl Store for DeviceStore {
 
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
         let mut block = Mat::zeros(rows.len(), columns.len());
-        let wide = columns.len().min(self.size()).min(ENTRIES).max(1);
+        let wide = columns.len().min(self.size()).clamp(1, ENTRIES);
         let high = (ENTRIES / wide).min(self.size()).max(1);
         let mut found = Vec::new();
         for (left, columns) in columns.chunks(wide).enumerate() {
