@@ -40,7 +40,7 @@ fn beams(receiver: &Receiver, tissue: Acoustics, attenuates: bool, backend: &Bac
             _ => Backend::Cpu,
         };
         beam_after(
-            &anatomy::uniform(tissue.clone()),
+            &anatomy::uniform(tissue),
             &settings,
             backend,
             "receiver",
