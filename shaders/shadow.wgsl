@@ -1,18 +1,29 @@
-// Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point.
-// Twin of src/effects/shadow.rs.
+// Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point. Then the mean over the
+// beam of what that lets through. Twin of src/effects/shadow.rs and src/effects/shadow/penumbra.rs.
 struct Params {
+    lines: u32,
     samples: u32,
+    reach: u32,
+    opaque_units: u32,
     needle_units: f32,
     exponent: f32,
-    unused: u32,
+    unused_a: u32,
+    unused_b: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
-@group(0) @binding(3) var<storage, read_write> amplitudes: array<f32>;
+
+// Of the losses.
+@group(0) @binding(3) var<storage, read_write> through: array<f32>;
 @group(0) @binding(4) var<storage, read_write> losses: array<u32>;
 @group(0) @binding(5) var<storage, read> needle_mask: array<f32>;
+
+// Of the penumbra.
+@group(0) @binding(3) var<storage, read> one_way: array<f32>;
+@group(0) @binding(4) var<storage, read> weights: array<f32>;
+@group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
 
 const MOST_UNITS = 0x7fffffffu;
 const THREADS = 256u;
@@ -48,7 +59,7 @@ fn exclusive(thread: u32, sum: u32) -> u32 {
 
 fn leave(index: u32, units: u32) {
     losses[index] = units;
-    amplitudes[index] *= exp2(f32(units) * params.exponent);
+    through[index] = exp2(f32(units) * params.exponent);
 }
 
 @compute @workgroup_size(256)
@@ -85,4 +96,32 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
         leave(line + i, min(above + own / 2u, MOST_UNITS));
         above = min(above + own, MOST_UNITS);
     }
+}
+
+// There and back through the mean over the beam.
+@compute @workgroup_size(64)
+fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
+    let sample = id.x;
+    let line = id.y;
+    if sample >= params.samples {
+        return;
+    }
+    let index = line * params.samples + sample;
+    let first = line - min(line, params.reach);
+    let last = min(line + params.reach, params.lines - 1u);
+    var sum = 0.0;
+    var norm = 0.0;
+    for (var other = first; other <= last; other++) {
+        let weight = weights[(other + params.reach - line) * params.samples + sample];
+        sum += weight * one_way[other * params.samples + sample];
+        norm += weight;
+    }
+    if last - first == 2u * params.reach {
+        norm = 1.0;
+    }
+    var left = sum / norm;
+    if tissue_loss(index) >= params.opaque_units {
+        left = min(left, one_way[index]);
+    }
+    amplitudes[index] *= left * left;
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::lateral::{FWHM_PER_SIGMA, LateralKernel};
+use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
@@ -113,31 +113,26 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let Some(kernel) = &tables.blur else { return };
-    let weights = kernel.weights.of::<T>();
     let input = &store.amplitude[..lines * samples];
     store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, output)| {
             vectorised(Scanline {
+                kernel,
                 input,
-                line,
-                lines,
-                reach: kernel.reach,
-                weights,
+                place: [line, lines],
                 output,
             });
         });
     std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 
-/// One blurred scanline; `weights` holds a row over the samples for each tap.
+/// One blurred scanline.
 struct Scanline<'a, T> {
+    kernel: &'a LateralKernel,
     input: &'a [T],
-    line: usize,
-    lines: usize,
-    reach: usize,
-    weights: &'a [T],
+    place: [usize; 2],
     output: &'a mut [T],
 }
 
@@ -146,38 +141,8 @@ impl<T: Real> Kernel for Scanline<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self {
-            input,
-            line,
-            lines,
-            reach,
-            weights,
-            output,
-        } = self;
-        const BLOCK: usize = 64;
-        let samples = output.len();
-        let first = line.saturating_sub(reach);
-        let last = (line + reach).min(lines - 1);
-        let whole = last - first == 2 * reach;
-        for (block, output) in output.chunks_mut(BLOCK).enumerate() {
-            let start = block * BLOCK;
-            let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
-            for other in first..=last {
-                let tap = other + reach - line;
-                let values = &input[other * samples + start..][..output.len()];
-                let weights = &weights[tap * samples + start..][..output.len()];
-                for i in 0..output.len() {
-                    sum[i] += weights[i] * values[i];
-                }
-                if !whole {
-                    for i in 0..output.len() {
-                        norm[i] += weights[i];
-                    }
-                }
-            }
-            for i in 0..output.len() {
-                output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
-            }
+        for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
+            self.kernel.mean(self.input, self.place, block * BLOCK, output);
         }
     }
 }

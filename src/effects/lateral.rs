@@ -1,9 +1,9 @@
 //! Lateral kernels: Gaussian weights across scanlines whose width depends on depth.
 //!
-//! Shared by the lateral point spread of `speckle` and by `blur`. Widths are given in scanlines for each sample depth, so
+//! Shared by the lateral point spread of `speckle`, by `blur` and by `shadow`. Widths are given in scanlines for each sample depth, so
 //! that a kernel follows arcs of constant depth about the probe's virtual apex.
 
-use crate::real::Numbers;
+use crate::real::{Numbers, Real};
 
 /// Weights across scanlines, one set a sample depth. Tap `t` reaches the scanline `t - reach` away.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -52,6 +52,40 @@ impl LateralKernel {
     /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
     pub fn at(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
         (0..=2 * self.reach).map(move |tap| self.weights.of::<f64>()[tap * self.samples + sample])
+    }
+}
+
+/// Samples that [`LateralKernel::mean`] takes at most: what stays in registers and the first cache.
+pub const BLOCK: usize = 64;
+
+impl LateralKernel {
+    /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at most
+    /// [`BLOCK`]). `field` holds one scanline after another. Where the kernel is cut at the last of `lines` scanlines, the
+    /// weights are renormalised.
+    #[inline(always)]
+    pub(super) fn mean<T: Real>(&self, field: &[T], [line, lines]: [usize; 2], start: usize, output: &mut [T]) {
+        let (samples, reach) = (self.samples, self.reach);
+        let weights = self.weights.of::<T>();
+        let first = line.saturating_sub(reach);
+        let last = (line + reach).min(lines - 1);
+        let whole = last - first == 2 * reach;
+        let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        for other in first..=last {
+            let tap = other + reach - line;
+            let values = &field[other * samples + start..][..output.len()];
+            let weights = &weights[tap * samples + start..][..output.len()];
+            for i in 0..output.len() {
+                sum[i] += weights[i] * values[i];
+            }
+            if !whole {
+                for i in 0..output.len() {
+                    norm[i] += weights[i];
+                }
+            }
+        }
+        for i in 0..output.len() {
+            output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
+        }
     }
 }
 

@@ -59,6 +59,8 @@ pub enum Resource {
     LateralKernel,
     /// Weights of the radial blur, a row a depth (`f32`).
     BlurKernel,
+    /// Weights of the beam that shadows are seen through, a row a depth (`f32`).
+    PenumbraKernel,
     /// Per sample depth: distance between neighbouring scanlines, mm (`f32`).
     LineSpacing,
     /// Segments of the needle shaft in the probe frame (`vec4<f32>` pairs).

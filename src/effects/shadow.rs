@@ -4,7 +4,8 @@
 //! that it is the same at any grouping of the samples, on the CPU and in a parallel scan. A tissue takes its two-way
 //! attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle takes
 //! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
-//! sum converges to Beer and Lambert's law with the square of the sample distance. Shadows of bone, air and the needle
+//! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
+//! is wide (`penumbra`), and a needle thinner than the beam takes its share of it. Shadows of bone, air and the needle
 //! shaft by casting rays: paper 1, section 2.4.
 
 use bytemuck::{Pod, Zeroable};
@@ -12,12 +13,14 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tissue::Tissue;
+
+pub mod penumbra;
 
 /// Attenuation and shadows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -27,8 +30,11 @@ pub struct Shadow {
     pub attenuation: bool,
     /// Whether bone, gas and the like occlude.
     pub occlusion: bool,
-    /// Two-way loss in the needle, dB per mm of it along the beam (0 to 100).
+    /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam (0 to 100); a thinner one takes
+    /// its share.
     pub needle_db_mm: f64,
+    /// Full width at half maximum of the beam, mm (0 to 20): edges of shadows are as soft. 0 leaves each scanline to itself.
+    pub beam_mm: f64,
 }
 
 impl Default for Shadow {
@@ -37,6 +43,7 @@ impl Default for Shadow {
             attenuation: true,
             occlusion: true,
             needle_db_mm: 8.0,
+            beam_mm: 3.0,
         }
     }
 }
@@ -56,7 +63,8 @@ const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 impl Shadow {
     /// Checks the ranges.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)
+        within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
+        within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)
     }
 
     /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
@@ -85,41 +93,65 @@ pub const EFFECT: Effect = Effect {
     },
 };
 
-static WITHOUT_NEEDLE: &[Pass] = &[Pass {
-    name: "shadow",
-    shader: concat!(
-        include_str!("../../shaders/common/label_row.wgsl"),
-        include_str!("../../shaders/shadow.wgsl")
-    ),
-    entry: "tissue",
-    bindings: &[(Label, Read), (LabelRows, Read), (Amplitude, Write), (Loss, Write)],
-    params,
-    workgroups: |tables, _| [1, tables.lines() as u32, 1],
-    flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
-}];
+const SHADER: &str = concat!(
+    include_str!("../../shaders/common/label_row.wgsl"),
+    include_str!("../../shaders/shadow.wgsl")
+);
 
-static WITH_NEEDLE: &[Pass] = &[Pass {
-    name: "shadow",
-    shader: concat!(
-        include_str!("../../shaders/common/label_row.wgsl"),
-        include_str!("../../shaders/shadow.wgsl")
+static WITHOUT_NEEDLE: &[Pass] = &[
+    loss_pass(
+        "tissue",
+        &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write), (Loss, Write)],
     ),
-    entry: "tissue_and_needle",
+    PENUMBRA,
+];
+
+static WITH_NEEDLE: &[Pass] = &[
+    loss_pass(
+        "tissue_and_needle",
+        &[
+            (Label, Read),
+            (LabelRows, Read),
+            (AmplitudeNext, Write),
+            (Loss, Write),
+            (NeedleMask, Read),
+        ],
+    ),
+    PENUMBRA,
+];
+
+/// The loss down each scanline, and what it lets through one way, which it leaves in `AmplitudeNext`.
+const fn loss_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+    Pass {
+        name: "shadow_loss",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        flips: false,
+        cpu: losses::<f32>,
+        cpu_f64: losses::<f64>,
+    }
+}
+
+const PENUMBRA: Pass = Pass {
+    name: "shadow",
+    shader: SHADER,
+    entry: "penumbra",
     bindings: &[
         (Label, Read),
         (LabelRows, Read),
+        (AmplitudeNext, Read),
+        (PenumbraKernel, Read),
         (Amplitude, Write),
-        (Loss, Write),
-        (NeedleMask, Read),
     ],
     params,
-    workgroups: |tables, _| [1, tables.lines() as u32, 1],
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
-}];
+    cpu: penumbra::run::<f32>,
+    cpu_f64: penumbra::run::<f64>,
+};
 
 fn wanted(tables: &Tables) -> Verdict {
     let Some(shadow) = &tables.settings.effects.shadow else {
@@ -144,52 +176,68 @@ fn wanted(tables: &Tables) -> Verdict {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
+    /// Scanlines on each side that the beam reaches.
+    pub reach: u32,
+    /// Loss of a sample from which its tissue is opaque, units.
+    pub opaque_units: u32,
     /// Loss of a sample that the needle fills, units.
     pub needle_units: f32,
-    /// Base-2 exponent of the amplitude per unit of loss; negative.
+    /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
     pub exponent: f32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+    pub unused: [u32; 2],
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
     ParamBlock::of(&Params {
-        samples: view.tables.samples() as u32,
-        needle_units: needle_units(view.tables),
-        exponent: exponent_per_unit() as f32,
-        unused: 0,
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: tables.penumbra.as_ref().map_or(0, |kernel| kernel.reach as u32),
+        opaque_units: penumbra::opaque_units(tables.sample_mm()),
+        needle_units: needle_units(view),
+        exponent: (0.5 * exponent_per_unit()) as f32,
+        unused: [0; 2],
     })
 }
 
-/// log2 of the amplitude that one unit of loss leaves.
+/// log2 of the amplitude that one unit of loss leaves, both ways.
 pub fn exponent_per_unit() -> f64 {
     -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
 }
 
-fn needle_units(tables: &Tables) -> f32 {
-    let db_mm = tables
-        .settings
-        .effects
-        .shadow
-        .as_ref()
-        .map_or(0.0, |shadow| shadow.needle_db_mm);
-    units(db_mm * tables.sample_mm()) as f32
+/// Two-way loss in the needle of a frame, dB per mm of it along the beam and share of its plane: the needle takes the share
+/// of the beam that its plane fills across it.
+pub fn needle_db_mm(view: &View) -> f64 {
+    let effects = &view.tables.settings.effects;
+    let (Some(shadow), Some(needle), Some(shaft)) = (&effects.shadow, &effects.needle, &view.state.needle) else {
+        return 0.0;
+    };
+    let plane_mm = needle.thickness_mm.unwrap_or(shaft.diameter_mm);
+    shadow.needle_db_mm * (plane_mm / shadow.beam_mm).min(1.0)
 }
 
-fn run<T: Real>(view: &View, store: &mut Store<T>) {
+fn needle_units(view: &View) -> f32 {
+    units(needle_db_mm(view) * view.tables.sample_mm()) as f32
+}
+
+fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let loss: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss));
-    let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(view))));
     let mask = &store.needle_mask;
-    store.amplitude[..lines * samples]
+    let exponent = T::of(0.5 * exponent_per_unit());
+    store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
         .zip(store.label.par_chunks(samples))
         .zip(store.loss.par_chunks_mut(samples))
         .enumerate()
-        .for_each(|(line, ((amplitudes, labels), down_to))| {
+        .for_each(|(line, ((through, labels), down_to))| {
             let own = |i: usize| {
                 let tissue = loss[usize::from(labels[i])];
                 match needle {
@@ -198,8 +246,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 }
             };
             accumulate(own, down_to);
-            for (amplitude, &loss) in amplitudes.iter_mut().zip(down_to.iter()) {
-                *amplitude *= transmittance(loss);
+            for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
+                *through = (T::of(f64::from(loss)) * exponent).exp2();
             }
         });
 }
@@ -222,85 +270,4 @@ pub fn transmittance<T: Real>(units: u32) -> T {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn layers_follow_beer_and_lambert() {
-        // 30 mm at 1 dB/mm, then 20 mm at 0.25 dB/mm, sampled ever finer; the last sample's middle lies half a step short.
-        for samples in [50usize, 500, 5000] {
-            let step = 50.0 / samples as f64;
-            let mut down_to = vec![0; samples];
-            let own = |i: usize| {
-                units(if (i as f64) * step < 30.0 - 1e-9 {
-                    step
-                } else {
-                    0.25 * step
-                })
-            };
-            accumulate(own, &mut down_to);
-            let expected = 30.0 + 0.25 * (20.0 - step / 2.0);
-            let found = f64::from(down_to[samples - 1]) / UNITS_PER_DB;
-            assert!(
-                (found - expected).abs() < 1e-4 * expected,
-                "{samples}: {found} dB, not {expected}"
-            );
-            let amplitude: f64 = transmittance(down_to[samples - 1]);
-            assert!((amplitude / 10f64.powf(-expected / 20.0) - 1.0).abs() < 1e-3);
-        }
-    }
-
-    #[test]
-    fn an_opaque_run_saturates_and_stays_dark() {
-        let mut down_to = vec![0; 8192];
-        accumulate(|_| units(1e9), &mut down_to);
-        assert!(down_to.is_sorted());
-        assert_eq!(down_to[8191], MOST_UNITS);
-        assert_eq!(transmittance::<f32>(down_to[8191]), 0.0);
-    }
-
-    #[test]
-    fn what_the_voxels_hold_decides_not_what_a_file_counted() {
-        use std::sync::Arc;
-
-        use nalgebra::Matrix4;
-
-        use crate::effects::Effects;
-        use crate::synth::tables::{Anatomy, ImageSize, Settings};
-        use crate::tissue::{Preset, TissueTable};
-        use crate::tracking::probe::{Probe, ProbeShape};
-        use crate::volume::LabelVolume;
-
-        let verdict = |voxels: Vec<u8>, counted: u64| {
-            let label = |value, name: &str| crate::volume::Label {
-                value,
-                name: Some(name.into()),
-                voxels: counted,
-            };
-            let labels = vec![label(0, "background"), label(1, "bone")];
-            let (tissues, _) = TissueTable::resolve(&labels, &[], Preset::Auto).expect("two known tissues");
-            let volume = LabelVolume::new([2, 1, 1], voxels, labels, Matrix4::identity()).expect("two voxels");
-            let anatomy = Anatomy {
-                volume: Arc::new(volume),
-                tissues: Arc::new(tissues),
-                textures: Default::default(),
-                mesh: None,
-            };
-            let settings = Settings {
-                seed: 0,
-                probe: Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 40.0).expect("a probe"),
-                image: ImageSize {
-                    width: 8,
-                    height: 8,
-                    margin: 0.0,
-                    fill: 0,
-                },
-                effects: Effects::usual(),
-                has_needle: false,
-            };
-            wanted(&Tables::new(anatomy, settings).expect("tables"))
-        };
-        assert_eq!(verdict(vec![0, 1], 0), Ok("1 labels attenuate or occlude".into()));
-        assert!(verdict(vec![0, 0], 1).is_err());
-    }
-}
+mod tests;

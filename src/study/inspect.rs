@@ -6,8 +6,8 @@ mod report;
 
 use nalgebra::{Matrix4, Point3, Vector4};
 
-use crate::effects::pass::{Access, Resource};
-use crate::effects::shadow::{UNITS_PER_DB, transmittance};
+use crate::effects::pass::{Access, Pass, Resource, View};
+use crate::effects::shadow::{UNITS_PER_DB, needle_db_mm, transmittance};
 use crate::mechanics::mesh::locator::NONE;
 use crate::mechanics::mesh::map::{BACKGROUND, FOLDED};
 use crate::synth::layers::{Beam, world_position};
@@ -78,7 +78,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         texture: texture_report(tables, label, reference),
         speckle: stages.factor_of("speckle", synth),
         needle_share: last.needle.get(index).copied(),
-        shadow: shadow_report(tables, last, line, sample),
+        shadow: shadow_report(tables, state, last, line, sample),
         gain_db: 20.0 * tables.gain.of::<f64>().get(sample).map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
         interpolation: corners(last, at),
@@ -95,16 +95,12 @@ struct Stages {
 
 impl Stages {
     fn run(synth: &mut Synthesizer, state: &FrameState, index: usize) -> Result<Self, SynthError> {
-        let writes = |bindings: &[(Resource, Access)]| {
-            bindings.iter().any(|&(resource, access)| {
-                access == Access::Write && matches!(resource, Resource::Amplitude | Resource::AmplitudeNext)
-            })
-        };
+        let writes = |pass: &Pass| pass.flips || pass.bindings.contains(&(Resource::Amplitude, Access::Write));
         let names: Vec<&'static str> = synth
             .plan()
             .passes
             .iter()
-            .filter(|planned| writes(planned.pass.bindings))
+            .filter(|planned| writes(planned.pass))
             .map(|planned| planned.pass.name)
             .collect();
         let mut stages = Self {
@@ -196,7 +192,7 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
     })
 }
 
-fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
+fn shadow_report(tables: &Tables, state: &FrameState, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
     let start = line * beam.samples;
     let &units = beam.loss.get(start + sample)?;
     let mut taken: Vec<Taken> = Vec::new();
@@ -212,10 +208,12 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
         }),
         None => {}
     };
-    let needle_db_mm = match &tables.settings.effects.shadow {
-        Some(shadow) => shadow.needle_db_mm,
-        None => 0.0,
+    let view = View {
+        tables,
+        state,
+        warp: None,
     };
+    let needle_db_mm = needle_db_mm(&view);
     for at in 0..=sample {
         // A sample sees half of its own loss.
         let share = if at == sample { 0.5 } else { 1.0 };

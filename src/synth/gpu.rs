@@ -519,6 +519,10 @@ fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
             .blur
             .as_ref()
             .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
+        Resource::PenumbraKernel => tables
+            .penumbra
+            .as_ref()
+            .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
         Resource::LineSpacing => floats(tables.line_spacing.of()),
         Resource::ReceiverPower => floats(tables.receiver_power.of()),
         Resource::Gain => floats(tables.gain.of()),

@@ -102,6 +102,8 @@ pub struct Tables {
     pub atlas: Option<Atlas>,
     /// Lattice and kernels of the speckle.
     pub speckle: Option<SpeckleTables>,
+    /// Kernel of the beam that shadows are seen through.
+    pub penumbra: Option<LateralKernel>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
     /// Power of noise and clutter at each sample depth, per unit drawn; empty without a receiver.
@@ -131,6 +133,7 @@ impl Tables {
                 .speckle
                 .as_ref()
                 .map(|speckle| SpeckleTables::new(speckle, &grid)),
+            penumbra: settings.effects.shadow.as_ref().map(|shadow| shadow.kernel(&grid)),
             blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
             receiver_power: Numbers::default(),
             gain: Numbers::default(),
@@ -198,6 +201,11 @@ impl Tables {
         if blur {
             self.blur = self.settings.effects.blur.as_ref().map(|blur| blur.kernel(&self.grid));
             changed.push(Resource::BlurKernel);
+        }
+        if shadow {
+            let own = &self.settings.effects.shadow;
+            self.penumbra = own.as_ref().map(|own| own.kernel(&self.grid));
+            changed.push(Resource::PenumbraKernel);
         }
         if receiver {
             self.receiver_power = self.receiver_table();
@@ -304,6 +312,7 @@ impl Tables {
             Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| {
                 depth_kernel(speckle.lateral.reach) + 4 * speckle.edges.of::<f32>().len() as u64
             }),
+            Resource::PenumbraKernel => self.penumbra.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::LineSpacing | Resource::ReceiverPower | Resource::Gain => self.samples() as u64 * 4,
             Resource::Needle => (MAX_SEGMENTS * 32) as u64,

@@ -89,6 +89,7 @@ pub fn everything() -> Scene {
             "speckle_lateral",
             "interface",
             "needle",
+            "shadow_loss",
             "shadow",
             "blur",
             "receiver",
@@ -111,6 +112,7 @@ pub fn everything() -> Scene {
             NeedleMask,
             Loss,
             BlurKernel,
+            PenumbraKernel,
             AmplitudeNext,
             ReceiverPower,
         ],
@@ -163,8 +165,8 @@ pub fn scenes() -> Vec<Scene> {
             "shadow of attenuating tissue",
             box_of(lossy()),
             |s| s.effects.shadow = Some(Default::default()),
-            &["shadow"],
-            &[Loss],
+            &["shadow_loss", "shadow"],
+            &[Loss, AmplitudeNext, PenumbraKernel],
         ),
         scene(
             "shadow of a needle alone",
@@ -174,8 +176,8 @@ pub fn scenes() -> Vec<Scene> {
                 s.effects.needle = Some(Default::default());
                 s.has_needle = true;
             },
-            &["needle", "shadow"],
-            &[Needle, NeedleMask, Loss],
+            &["needle", "shadow_loss", "shadow"],
+            &[Needle, NeedleMask, Loss, AmplitudeNext, PenumbraKernel],
         ),
         scene(
             "shadow switched off in all its parts",
@@ -185,6 +187,7 @@ pub fn scenes() -> Vec<Scene> {
                     attenuation: false,
                     occlusion: false,
                     needle_db_mm: 0.0,
+                    ..Default::default()
                 });
             },
             &[],
@@ -269,7 +272,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 17] = [
+    const ORDER: [&str; 18] = [
         "geometry",
         "warp",
         "slice",
@@ -280,6 +283,7 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "speckle_lateral",
         "interface",
         "needle",
+        "shadow_loss",
         "shadow",
         "blur",
         "receiver",

@@ -48,13 +48,14 @@ fn entry(pass: &Pass, module: &Module) -> usize {
 fn every_variant_of_every_pass_is_covered() {
     let names: Vec<_> = passes().iter().map(|pass| (pass.name, pass.entry)).collect();
     for expected in [
-        ("shadow", "tissue"),
-        ("shadow", "tissue_and_needle"),
+        ("shadow_loss", "tissue"),
+        ("shadow_loss", "tissue_and_needle"),
+        ("shadow", "penumbra"),
         ("speckle_axial", "axial_pass"),
     ] {
         assert!(names.contains(&expected), "{expected:?} is not among {names:?}");
     }
-    assert!(names.len() >= REGISTRY.len() + 3);
+    assert!(names.len() >= REGISTRY.len() + 4);
 }
 
 #[test]
@@ -156,9 +157,9 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
             tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
             1,
         ],
-        "speckle_lateral" | "interface" | "needle" | "blur" | "receiver" | "tone" => [samples, lines, 1],
+        "speckle_lateral" | "interface" | "needle" | "shadow" | "blur" | "receiver" | "tone" => [samples, lines, 1],
         // One group a scanline, however many samples.
-        "shadow" => [256, lines, 1],
+        "shadow_loss" => [256, lines, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),

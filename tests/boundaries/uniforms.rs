@@ -82,7 +82,16 @@ fn blocks() -> Vec<Block> {
             reverberation_mm,
             reverberation
         ),
-        block!("shadow", shadow::Params, samples, needle_units, exponent),
+        block!(
+            "shadow",
+            shadow::Params,
+            lines,
+            samples,
+            reach,
+            opaque_units,
+            needle_units,
+            exponent
+        ),
         block!("blur", blur::Params, lines, samples, reach),
         block!("receiver", receiver::Params, seed, samples, frame),
         block!("tone", tone::Params, samples, compress, per_octave, middle, gamma),

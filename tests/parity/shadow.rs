@@ -1,24 +1,27 @@
-//! Shadow: a sum of integers, which agree exactly wherever the labels above agree, and one exponential.
+//! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over the beam.
 
-use insonify::effects::shadow::{MOST_UNITS, exponent_per_unit, units};
+use insonify::effects::pass::View;
+use insonify::effects::shadow::penumbra::opaque_units;
+use insonify::effects::shadow::{MOST_UNITS, Shadow, exponent_per_unit, needle_db_mm, units};
 
 use crate::case::{Case, check_all};
-use crate::rounding::{TINY, ULP, exp2};
+use crate::rounding::{DIVIDE, TINY, ULP, exp2};
 use crate::scenes;
 use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
 
-pub fn carry(step: &Step, slack: &mut Slack) {
+/// Past the pass of the losses, which leaves echoes as they are.
+pub fn carry_loss(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let needle = tables.settings.has_needle.then(|| {
-        let db_mm = tables
-            .settings
-            .effects
-            .shadow
-            .as_ref()
-            .map_or(0.0, |own| own.needle_db_mm);
-        f64::from(units(db_mm * tables.sample_mm()))
-    });
+    let view = View {
+        tables,
+        state: step.state,
+        warp: None,
+    };
+    let needle = tables
+        .settings
+        .has_needle
+        .then(|| f64::from(units(needle_db_mm(&view) * tables.sample_mm())));
     let tissue = |label: u8| f64::from(tables.label_rows[usize::from(label)].loss);
     slack.loss = vec![0.0; step.after.loss.len()];
     for line in 0..step.lines() {
@@ -35,20 +38,64 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             }
             // Half of the sample's own loss, again cut to whole units.
             let halved = if own > 0.0 { 0.5 * own + 1.0 } else { 0.0 };
-            let off = above + halved;
-            slack.loss[index] = off;
+            slack.loss[index] = above + halved;
             above += own;
+        }
+    }
+}
 
-            let exact = f64::from(step.after.loss[index]);
-            let left = |units: f64| (units.clamp(0.0, f64::from(MOST_UNITS)) * exponent_per_unit()).exp2();
-            let (most, least) = (left(exact - off), left(exact + off));
-            let exponent = (exact + off) * exponent_per_unit().abs();
-            // Units stored (1/2), the factor stored (1/2), product (1); then the exponential and a product.
-            let relative = exp2(exponent, 2.0 * ULP * exponent) + ULP;
-            let amplitude = step.before.amplitude[index];
-            slack.amplitude[index] = slack.amplitude[index] * most
-                + amplitude * (most - least)
-                + amplitude * most * relative.min(1.0)
+/// One-way transmittance of a sample, and how far a twin's may be off.
+fn one_way(loss: f64, off: f64) -> [f64; 2] {
+    let exponent = 0.5 * exponent_per_unit();
+    let left = |units: f64| (units.clamp(0.0, f64::from(MOST_UNITS)) * exponent).exp2();
+    let (most, least) = (left(loss - off), left(loss + off));
+    let largest = (loss + off) * exponent.abs();
+    // Units stored (1/2), the factor stored (1/2), product (1); then the exponential.
+    let relative = exp2(largest, 2.0 * ULP * largest);
+    [left(loss), most - least + most * relative.min(1.0) + TINY]
+}
+
+/// Past the pass that takes the mean over the beam.
+pub fn carry(step: &Step, slack: &mut Slack) {
+    let Some(kernel) = &step.tables.penumbra else {
+        panic!("{}: a shadow without a kernel", step.case.name)
+    };
+    let (lines, samples) = (step.lines(), step.samples());
+    let opaque = opaque_units(step.tables.sample_mm());
+    let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
+    for sample in 0..samples {
+        let weights: Vec<f64> = kernel.at(sample).collect();
+        let through: Vec<[f64; 2]> = (0..lines)
+            .map(|line| line * samples + sample)
+            .map(|at| one_way(f64::from(step.after.loss[at]), slack.loss[at]))
+            .collect();
+        for line in 0..lines {
+            let (mut mean, mut off, mut norm) = (0.0, 0.0, 0.0);
+            for (tap, weight) in weights.iter().enumerate() {
+                if let Some(other) = (line + tap).checked_sub(kernel.reach).filter(|&other| other < lines) {
+                    mean += weight * through[other][0];
+                    off += weight * through[other][1];
+                    norm += weight;
+                }
+            }
+            let (mean, off) = (mean / norm, off / norm);
+            // As in `blur`: weights stored (1/2), products (1) and sums; where the kernel is cut, a division.
+            let off = off + ((1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE) * (mean + off) / norm.min(1.0);
+            let index = line * samples + sample;
+            let [own, own_off] = through[line];
+            let darker = [own.min(mean), off.max(own_off)];
+            let [left, off] = match [step.after, step.twin].map(|beam| is_opaque(beam.label[index])) {
+                [false, false] => [mean, off],
+                [true, true] => darker,
+                // Within rounding of the face of something opaque: anything between.
+                [true, false] => [darker[0], mean - darker[0] + off.max(own_off)],
+                [false, true] => [mean, mean - darker[0] + off.max(own_off)],
+            };
+            let (square, square_off) = (left * left, (2.0 * left + off) * off);
+            let amplitude = step.before.amplitude[index].abs();
+            // Two products.
+            slack.amplitude[index] = slack.amplitude[index] * (square + square_off)
+                + amplitude * (square_off + 2.0 * ULP * (square + square_off))
                 + TINY * (1.0 + amplitude);
         }
     }
@@ -71,6 +118,27 @@ fn attenuation_and_occlusion_on_every_probe_shape() {
         }
     }
     check_all("shadow", &cases);
+}
+
+#[test]
+fn beams_of_any_width() {
+    let mut cases = Vec::new();
+    for (name, shape) in SHAPES {
+        for beam_mm in [0.0, 0.4, 20.0] {
+            let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
+            settings.effects.shadow = Some(Shadow {
+                beam_mm,
+                ..Shadow::default()
+            });
+            cases.push(Case::new(
+                format!("{name}, {beam_mm} mm"),
+                scenes::random_anatomy(),
+                settings,
+                scenes::oblique_pose(),
+            ));
+        }
+    }
+    check_all("shadow of a beam", &cases);
 }
 
 #[test]

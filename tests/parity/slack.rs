@@ -94,6 +94,7 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) {
         "speckle_lateral" => speckle::carry(step, slack),
         "interface" => interface::carry(step, slack),
         "needle" => needle::carry(step, slack),
+        "shadow_loss" => shadow::carry_loss(step, slack),
         "shadow" => shadow::carry(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),

@@ -137,7 +137,7 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &[ReceiverPower, Gain, LabelRows],
+            &[PenumbraKernel, ReceiverPower, Gain, LabelRows],
         ),
         (
             "depth",
@@ -149,6 +149,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 AxialKernel,
                 LateralKernel,
                 BlurKernel,
+                PenumbraKernel,
                 ReceiverPower,
                 Gain,
                 LabelRows,

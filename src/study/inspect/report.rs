@@ -104,7 +104,7 @@ pub struct TextureReport {
 /// What the way down to a sample took.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ShadowReport {
-    /// Share of the amplitude that is left.
+    /// Share of the amplitude that is left on this scanline; the echo sees the mean over the beam.
     pub transmittance: f64,
     /// Two-way loss, dB.
     pub loss_db: f64,
