@@ -83,6 +83,7 @@ impl SceneFile {
         ];
         let for_files = [
             ("unlabelled", volume.unlabelled.is_some()),
+            ("muscle_mm", volume.muscle_mm.is_some()),
             ("fat_mm", volume.fat_mm.is_some()),
             ("skin_mm", volume.skin_mm.is_some()),
         ];

@@ -105,6 +105,9 @@ pub struct VolumeSpec {
     /// the labels describe one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlabelled: Option<Unlabelled>,
+    /// File only: thickness of the muscle that `auto` adds under the fat, mm (0 to 100). Default 8.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub muscle_mm: Option<f64>,
     /// File only: thickness of the fat that `auto` adds, mm (0 to 100). Default 12.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fat_mm: Option<f64>,

@@ -144,6 +144,7 @@ impl SceneFile {
         let usual = CompleteOptions::default();
         let options = CompleteOptions {
             mode: spec.unlabelled.unwrap_or(usual.mode),
+            muscle_mm: spec.muscle_mm.unwrap_or(usual.muscle_mm),
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };

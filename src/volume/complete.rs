@@ -1,6 +1,6 @@
 //! Completion of a segmentation that labels organs but not the body around them.
 //!
-//! The labelled anatomy is closed slice by slice and then in space on a grid of about [`GRID_MM`], the outline is smoothed, and the voxels without a label inside it become soft tissue, with a layer of fat and a skin around them.
+//! The labelled anatomy is closed slice by slice and then in space on a grid of about [`GRID_MM`], the outline is smoothed, and the voxels without a label inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin around them.
 
 mod outline;
 
@@ -17,7 +17,7 @@ pub const CLOSING_MM: f64 = 60.0;
 pub const WALL_MM: f64 = 7.0;
 /// Soft tissue around labels that reach beyond the smooth outline, mm.
 pub const LEAST_MM: f64 = 3.0;
-/// Largest thickness of fat or skin, mm.
+/// Largest thickness of muscle, fat or skin, mm.
 pub const THICKEST_MM: f64 = 100.0;
 
 /// Names that only volumes with an explicit body carry.
@@ -64,6 +64,8 @@ pub enum Unlabelled {
 pub struct CompleteOptions {
     /// What unlabelled voxels are taken for.
     pub mode: Unlabelled,
+    /// Thickness of the muscle under the fat, mm (0 to 100; default 8): the outermost of what is unlabelled inside the fat.
+    pub muscle_mm: f64,
     /// Thickness of the fat under the skin, mm (0 to 100; default 12).
     pub fat_mm: f64,
     /// Thickness of the skin, mm (0 to 100; default 2). Drawn at least one voxel thick, so that it is closed.
@@ -74,6 +76,7 @@ impl Default for CompleteOptions {
     fn default() -> Self {
         Self {
             mode: Unlabelled::Auto,
+            muscle_mm: 8.0,
             fat_mm: 12.0,
             skin_mm: 2.0,
         }
@@ -85,6 +88,8 @@ impl Default for CompleteOptions {
 pub struct Filled {
     /// As soft tissue.
     pub soft_tissue: u64,
+    /// As muscle.
+    pub muscle: u64,
     /// As fat.
     pub fat: u64,
     /// As skin.
@@ -94,7 +99,7 @@ pub struct Filled {
 /// A completed volume and what was done to it.
 #[derive(Clone, Debug)]
 pub struct Completed {
-    /// The volume. Appended labels are named `soft_tissue`, `fat` and `skin`; their `voxels` stay 0, since the file had none.
+    /// The volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had none.
     pub volume: LabelVolume,
     /// Voxels filled.
     pub filled: Filled,
@@ -108,7 +113,7 @@ pub enum CompletionError {
     /// A layer's thickness is out of range.
     #[error("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm")]
     Thickness {
-        /// `fat` or `skin`.
+        /// `muscle`, `fat` or `skin`.
         layer: &'static str,
         /// What was asked for, mm.
         found: f64,
@@ -131,7 +136,12 @@ pub fn has_body(volume: &LabelVolume) -> bool {
 /// # Errors
 /// A thickness out of range, or no room among 256 labels for those of the body.
 pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
-    for (layer, found) in [("fat", options.fat_mm), ("skin", options.skin_mm)] {
+    let layers = [
+        ("muscle", options.muscle_mm),
+        ("fat", options.fat_mm),
+        ("skin", options.skin_mm),
+    ];
+    for (layer, found) in layers {
         if !(0.0..=THICKEST_MM).contains(&found) {
             return Err(CompletionError::Thickness { layer, found });
         }
@@ -161,6 +171,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     };
     let mut labels = volume.labels().to_vec();
     let soft = body_label(&mut labels, "soft_tissue", 202);
+    let muscle = body_label(&mut labels, "muscle", 205);
     let fat = body_label(&mut labels, "fat", 201);
     let skin = body_label(&mut labels, "skin", 204);
     if labels.len() > 256 {
@@ -172,35 +183,38 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         .par_chunks_mut(nx)
         .enumerate()
         .map(|(row, line)| {
-            let mut count = [0u64; 3];
+            let mut count = [0u64; 4];
             let [j, k] = [row % ny, row / ny];
             outline.along_row(j, k, line, |voxel, distance| {
-                let layer = if distance <= 0.0 {
+                let layer = if distance <= -options.muscle_mm {
                     0
-                } else if distance <= options.fat_mm {
+                } else if distance <= 0.0 {
                     1
-                } else if distance <= options.fat_mm + skin_mm {
+                } else if distance <= options.fat_mm {
                     2
+                } else if distance <= options.fat_mm + skin_mm {
+                    3
                 } else {
                     return;
                 };
-                *voxel = [soft, fat, skin][layer];
+                *voxel = [soft, muscle, fat, skin][layer];
                 count[layer] += 1;
             });
             count
         })
-        .reduce(|| [0; 3], |a, b| [0, 1, 2].map(|i| a[i] + b[i]));
+        .reduce(|| [0; 4], |a, b| [0, 1, 2, 3].map(|i| a[i] + b[i]));
     let filled = Filled {
         soft_tissue: counts[0],
-        fat: counts[1],
-        skin: counts[2],
+        muscle: counts[1],
+        fat: counts[2],
+        skin: counts[3],
     };
     let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
     let mut note = format!(
         "unlabelled voxels: the labelled anatomy was closed slice by slice and in space ({CLOSING_MM} mm), widened by \
-         {WALL_MM} mm and filled as soft tissue ({} voxels), under {} mm of fat ({} voxels) and {skin_mm:.1} mm \
-         of skin ({} voxels); the rest is empty: sound passes it as it passes gel",
-        filled.soft_tissue, options.fat_mm, filled.fat, filled.skin,
+         {WALL_MM} mm and filled as soft tissue ({} voxels), under {} mm of muscle ({} voxels), {} mm of fat ({} voxels) and \
+         {skin_mm:.1} mm of skin ({} voxels); the rest is empty: sound passes it as it passes gel",
+        filled.soft_tissue, options.muscle_mm, filled.muscle, options.fat_mm, filled.fat, filled.skin,
     );
     let faces = cut_faces(&volume, outline.slice_axis(), skin);
     if !faces.is_empty() {

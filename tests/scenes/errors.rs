@@ -183,6 +183,7 @@ fn tables_that_do_not_go_together_are_explained() {
         "[volume]",
         &["both"],
     );
+    check(&small("muscle_mm = 3"), "3", &["volume.muscle_mm", "with a phantom"]);
     check(&small("fat_mm = 3"), "3", &["volume.fat_mm", "with a phantom"]);
     check(
         "version = 2\n[volume]\nphantom = \"spine\"",

@@ -93,6 +93,11 @@ fn a_trunk_gets_soft_tissue_fat_and_skin_of_the_stated_thickness() {
                 .entry(name([150.0 + f64::from(step) * 0.1, 130.0, 75.0]))
                 .or_insert(0.0) += 0.1;
         }
+        // The wall beyond the rod is thinner than the muscle, which takes all of it and no label.
+        assert!(
+            (lengths["muscle"] - WALL_MM).abs() <= 1.5 * spacing[0] + 1.0,
+            "{lengths:?}"
+        );
         assert!((lengths["fat"] - 12.0).abs() <= 1.5 * spacing[0], "{lengths:?}");
         let skin = 2.0f64.max(spacing.iter().copied().fold(0.0, f64::max));
         assert!((lengths["skin"] - skin).abs() <= 1.5 * spacing[0], "{lengths:?}");
@@ -110,6 +115,7 @@ fn a_trunk_gets_soft_tissue_fat_and_skin_of_the_stated_thickness() {
             after.voxels().iter().filter(|&&v| usize::from(v) == at).count() as u64
         };
         assert_eq!(done.filled.soft_tissue, count("soft_tissue"));
+        assert_eq!(done.filled.muscle, count("muscle"));
         assert_eq!(done.filled.fat, count("fat"));
         assert_eq!(done.filled.skin, count("skin"));
         assert!(
@@ -140,7 +146,10 @@ fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
     let (a, b) = (run(&upright).filled, run(&other).filled);
     let close = |a: u64, b: u64| (a as f64 / b as f64 - 1.0).abs() < 1e-3;
     assert!(
-        close(a.soft_tissue, b.soft_tissue) && close(a.fat, b.fat) && close(a.skin, b.skin),
+        close(a.soft_tissue, b.soft_tissue)
+            && close(a.muscle, b.muscle)
+            && close(a.fat, b.fat)
+            && close(a.skin, b.skin),
         "{a:?} {b:?}"
     );
 }
@@ -210,6 +219,14 @@ fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
             Err(CompletionError::Thickness { layer: "fat", .. })
         ));
     }
+    let none = CompleteOptions {
+        muscle_mm: 0.0,
+        ..CompleteOptions::default()
+    };
+    let (with, without) = (run(&plain).filled, complete(&plain, &none).unwrap().filled);
+    assert_eq!(without.muscle, 0);
+    assert_eq!(with.soft_tissue + with.muscle, without.soft_tissue);
+    assert_eq!((with.fat, with.skin), (without.fat, without.skin));
     let mut full = plain.labels().to_vec();
     full.extend((0..252).map(|v| label(1000 + v, Some("x"))));
     let full = LabelVolume::new(plain.size(), plain.voxels().to_vec(), full, *plain.index_to_world()).unwrap();
@@ -272,6 +289,9 @@ fn real_segmentations_become_whole_bodies() {
         let body = done.volume.voxels().iter().filter(|&&v| v != 0).count() as f64 * done.volume.voxel_mm3() / 1e6;
         assert!(litres.contains(&body), "{file}: {body} l");
         let shape = done.filled;
-        assert!(shape.soft_tissue > shape.fat && shape.fat > 3 * shape.skin, "{shape:?}");
+        assert!(
+            shape.soft_tissue + shape.muscle > shape.fat && shape.fat > 3 * shape.skin,
+            "{shape:?}"
+        );
     }
 }
