@@ -1,6 +1,6 @@
 //! LU factors with partial pivoting of the small matrices of the update, with an estimate of their condition.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::lu::partial_pivoting::{factor, solve};
 use faer::linalg::matmul::matmul;
 use faer::perm::PermRef;
@@ -154,12 +154,13 @@ pub(super) fn capacitance(lu: &mut Lu, d: MatRef<'_, f64>, h: MatRef<'_, f64>, o
     condition
 }
 
-fn stack(memory: &mut Option<MemBuffer>, need: faer::dyn_stack::StackReq) -> &mut MemStack {
+/// Memory for `need` at any alignment, kept for the next time.
+fn stack(memory: &mut Option<MemBuffer>, need: StackReq) -> &mut MemStack {
     let bytes = need.unaligned_bytes_required();
     if memory.as_ref().is_none_or(|memory| memory.len() < bytes) {
         *memory = None;
     }
-    MemStack::new(memory.get_or_insert_with(|| MemBuffer::new(need)))
+    MemStack::new(memory.get_or_insert_with(|| MemBuffer::new(StackReq::new::<u8>(bytes))))
 }
 
 /// The largest sum of magnitudes in a column; NaN where an entry is.
