@@ -39,13 +39,7 @@ fn beams(receiver: &Receiver, tissue: Acoustics, attenuates: bool, backend: &Bac
             Backend::CpuF64 => Backend::CpuF64,
             _ => Backend::Cpu,
         };
-        beam_after(
-            &anatomy::uniform(tissue),
-            &settings,
-            backend,
-            "receiver",
-            &state,
-        )
+        beam_after(&anatomy::uniform(tissue), &settings, backend, "receiver", &state)
     };
     frames.iter().map(beam).collect()
 }
