@@ -155,3 +155,6 @@ impl Bisection {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

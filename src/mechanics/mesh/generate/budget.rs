@@ -14,9 +14,11 @@ const REFINEMENT: f64 = 12.0;
 const NARROWEST: f64 = 0.4;
 /// Share of the budget that may go into the lattice so that thin tissue fills its cells.
 const THIN: f64 = 0.6;
-/// Shares of the budget that are aimed for, one after the other while the result exceeds it: the last steps move a node
-/// here or there across the surface.
-const AIMS: [f64; 6] = [0.985, 0.96, 0.9, 0.75, 0.5, 0.25];
+/// Share of the budget that is aimed for first: the last steps move a node here or there across the surface.
+const FIRST_AIM: f64 = 0.985;
+/// How often the aim is lowered while the result exceeds the budget, and by how much more than the excess.
+const AIMS: usize = 8;
+const MARGIN: f64 = 0.99;
 /// A count of nodes that falls short of the aim by less than this share is near enough.
 const SHORTFALL: f64 = 0.01;
 /// Most refinements for one aim.
@@ -75,8 +77,8 @@ pub(super) fn within(
     progress: &mut impl FnMut(f32),
 ) -> Result<Option<Generated>, GenerateError> {
     let limits = Limits::new(options.min_dihedral_deg);
-    for share in AIMS {
-        let aim = (share * nodes as f64) as usize;
+    let mut aim = (FIRST_AIM * nodes as f64).ceil() as usize;
+    for _ in 0..AIMS {
         let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &limits, progress)? else {
             return Ok(None);
         };
@@ -98,6 +100,8 @@ pub(super) fn within(
         if kept <= nodes {
             return finish::finish(&draft, tissue).map(Some);
         }
+        let fitting = MARGIN * aim as f64 * nodes as f64 / kept as f64;
+        aim = (fitting as usize).min(aim.saturating_sub(1));
     }
     Ok(None)
 }
@@ -152,7 +156,7 @@ fn refined(
         }
         let next = target as f64 * (aim as f64 / kept.max(1) as f64).clamp(0.25, 2.0);
         target = if kept > aim {
-            (next as usize).min(target - 1)
+            (next as usize).min(target.saturating_sub(1))
         } else {
             (next as usize).max(target + 1)
         };
