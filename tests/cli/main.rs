@@ -6,6 +6,7 @@ mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
+mod mesh_make;
 mod meshes;
 mod reports;
 mod solve;

@@ -1,4 +1,4 @@
-//! `insonify mesh`.
+//! `insonify mesh info`.
 
 use serde_json::json;
 
@@ -174,7 +174,7 @@ fn what_is_no_mesh_is_status_2_and_named() {
             "4 4 2 1 1 1 2 3 4",
             vec!["tetrahedra 0 and 2", "same corners"],
         ),
-        ("\n8 40 10 0", "\n8 40 nan 0", vec!["line 17", "NaN", "node 8"]),
+        ("\n8 40 10 0", "\n8 40 nan 0", vec!["line 18", "NaN", "node 8"]),
         ("4 4 2 2 2 6 7 8 9\n", "4 4 2 2", vec!["line 26"]),
     ] {
         assert!(MESH.contains(from), "{from}");

@@ -7,6 +7,7 @@ use std::time::Instant;
 use clap::Args;
 use insonify::mechanics::mesh::file::write_vtu;
 use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
+use insonify::phantom::{self, Phantom, PhantomOptions};
 use insonify::volume::complete::{CompleteOptions, complete};
 use insonify::volume::{Label, LabelVolume, load};
 use serde::Serialize;
@@ -19,8 +20,11 @@ Examples:
   insonify mesh make ct.nii.gz --nodes 3300 -o body.vtu          the body completed around the organs, one region a label
   insonify mesh make ct.nii.gz --nodes 1000 --labels 5 -o liver.vtu
   insonify mesh make ct.nii.gz --nodes 10000 --no-complete -o organs.vtu --json
+  insonify mesh make --phantom abdomen --nodes 3300 -o abdomen.vtu
 
-Regions carry the label values of the volume in the cell array `region`.";
+Regions carry the label values of the volume in the cell array `region`. A finer mesh follows thin tissue better: `mislabelled` is the
+share of the tissue that lies in elements of another region. About 3,000 nodes suit a simulator's loop, 10,000 a study.
+`insonify mesh info FILE` looks into the result.";
 
 /// Regions below this need not keep their volume, ml.
 const LARGE_ML: f64 = 50.0;
@@ -34,8 +38,15 @@ const WRONG_PERCENT: f64 = 50.0;
 #[command(after_help = EXAMPLES)]
 pub struct Make {
     /// Label file: NIfTI, NRRD or MetaImage
-    #[arg(value_name = "VOLUME")]
-    volume: PathBuf,
+    #[arg(
+        value_name = "VOLUME",
+        required_unless_present = "phantom",
+        conflicts_with = "phantom"
+    )]
+    volume: Option<PathBuf>,
+    /// A built-in phantom in place of a file
+    #[arg(long, value_name = "NAME", value_enum)]
+    phantom: Option<Phantom>,
     /// The most nodes that the mesh may have; it has nearly as many
     #[arg(long, value_name = "N")]
     nodes: usize,
@@ -46,7 +57,7 @@ pub struct Make {
     #[arg(long, value_name = "VALUE,...", value_delimiter = ',', allow_hyphen_values = true)]
     labels: Vec<i64>,
     /// Fill the unlabelled body around the organs as `render` does; the default without --labels
-    #[arg(long, conflicts_with_all = ["no_complete", "labels"])]
+    #[arg(long, conflicts_with_all = ["no_complete", "labels", "phantom"])]
     complete: bool,
     /// Mesh what is labelled only: organs that do not touch become parts of their own
     #[arg(long)]
@@ -91,11 +102,11 @@ struct Region {
 impl Make {
     pub fn run(&self) -> Result<(), Failure> {
         vtu::check(&self.output)?;
-        let loaded = load(&self.volume)?;
-        let mut warnings = loaded.warnings;
-        let mut volume = loaded.volume;
+        let (mut volume, mut warnings) = self.volume()?;
         let mut notes = Vec::new();
-        if self.labels.is_empty() && !self.no_complete {
+        if self.phantom.is_some() {
+            notes.push("the phantom is meshed as it is, outside left out".to_owned());
+        } else if self.labels.is_empty() && !self.no_complete {
             let completed = complete(&volume, &CompleteOptions::default())?;
             volume = completed.volume;
             notes.push(completed.note);
@@ -137,12 +148,34 @@ impl Make {
         }
     }
 
+    /// What is meshed, with what there is to say about it.
+    fn volume(&self) -> Result<(LabelVolume, Vec<String>), Failure> {
+        match (self.phantom, &self.volume) {
+            (None, Some(file)) => {
+                let loaded = load(file)?;
+                Ok((loaded.volume, loaded.warnings))
+            }
+            (phantom, _) => {
+                let phantom = phantom.unwrap_or_default();
+                Ok((phantom::make(phantom, &PhantomOptions::default())?, Vec::new()))
+            }
+        }
+    }
+
+    /// What is meshed, for a message.
+    fn name(&self) -> String {
+        match &self.volume {
+            Some(file) => file.display().to_string(),
+            None => "the phantom".to_owned(),
+        }
+    }
+
     /// The labels to mesh, each with its value for a region number.
     fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Failure> {
         let labels = volume.labels();
         let held: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
         if held.is_empty() {
-            let found = format!("{}: no voxel is labelled", self.volume.display());
+            let found = format!("{}: no voxel is labelled", self.name());
             return Err(Failure::usage(found, "give a volume with labels other than 0"));
         }
         let mut chosen = Vec::new();
@@ -151,7 +184,7 @@ impl Make {
                 Some(&index) if !chosen.contains(&index) => chosen.push(index),
                 Some(_) => {}
                 None => {
-                    let found = format!("{}: no voxel has label {value}", self.volume.display());
+                    let found = format!("{}: no voxel has label {value}", self.name());
                     return Err(Failure::usage(
                         found,
                         format!("it holds the labels {}", listed(labels, &held)),
