@@ -45,7 +45,7 @@ tone = { gain_db = 8.0 }
 noise = { std_grey = 7.0 }
 "#;
 
-const COLUMNS: usize = 4;
+const COLUMNS: usize = 5;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args_os().nth(1).map_or("effects.png".into(), PathBuf::from);

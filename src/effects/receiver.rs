@@ -42,7 +42,7 @@ impl Default for Receiver {
     fn default() -> Self {
         Self {
             noise_db: -70.0,
-            clutter_db: -6.0,
+            clutter_db: -9.0,
             clutter_decay_db_cm: 2.5,
         }
     }
