@@ -57,7 +57,8 @@ fn blocks() -> Vec<Block> {
             plane_mm,
             per_mm,
             axial_reach,
-            lateral_reach
+            lateral_reach,
+            carries_at
         ),
         block!(
             "interface",

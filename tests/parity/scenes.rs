@@ -62,6 +62,15 @@ pub fn unattenuating() -> Anatomy {
     textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 1))
 }
 
+/// The same with a tissue among them that is as opaque as bone.
+pub fn with_bone() -> Anatomy {
+    let mut tissues = tissues();
+    if let Some(last) = tissues.last_mut() {
+        last.occlusion_per_mm = 0.9;
+    }
+    textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 6))
+}
+
 /// Voxels of 1 mm whose faces lie at whole and half millimetres of the world.
 pub fn unit_voxels() -> Anatomy {
     textured(anatomy::random(

@@ -142,6 +142,17 @@ fn beams_of_any_width() {
 }
 
 #[test]
+fn opaque_tissue_is_seen_by_its_own_scanline() {
+    let mut cases = Vec::new();
+    for (name, shape) in SHAPES {
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
+        settings.effects.shadow = Some(Default::default());
+        cases.push(Case::new(name, scenes::with_bone(), settings, scenes::oblique_pose()));
+    }
+    check_all("shadow of bone", &cases);
+}
+
+#[test]
 fn the_needle_shades() {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     settings.has_needle = true;
