@@ -17,6 +17,7 @@ mod schema;
 mod solve;
 mod terminal;
 mod vtu;
+mod tradeoff;
 
 use std::process::ExitCode;
 
@@ -54,6 +55,7 @@ enum Command {
     Plan(plan::Plan),
     Inspect(inspect::Inspect),
     Bench(bench::Bench),
+    Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
     Solve(solve::Solve),
     Phantom(phantom::Phantom),
@@ -72,6 +74,7 @@ impl Cli {
             Command::Plan(plan) => plan.run(),
             Command::Inspect(inspect) => inspect.run(),
             Command::Bench(bench) => bench.run(),
+            Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),
             Command::Solve(solve) => solve.run(),
             Command::Phantom(phantom) => phantom.run(),

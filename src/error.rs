@@ -13,6 +13,8 @@ use crate::output::sequence::SequenceError;
 use crate::phantom::PhantomError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
+use crate::study::tradeoff::RenderError;
+use crate::study::tradeoff::remesh::StudyError;
 use crate::synth::SynthError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
@@ -47,6 +49,12 @@ pub enum Error {
     /// The GPU could not do it.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// A trade-off cannot be studied.
+    #[error(transparent)]
+    Study(#[from] StudyError),
+    /// The files of a study cannot be written.
+    #[error(transparent)]
+    Render(#[from] RenderError),
     /// A picture cannot be written.
     #[error(transparent)]
     Png(#[from] PngError),
@@ -73,9 +81,10 @@ impl Error {
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory { .. }) => true,
+            Self::Study(error) => error.is_machine(),
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
-            Self::Write(_) => true,
+            Self::Write(_) | Self::Render(_) => true,
             Self::Completion(_) | Self::Phantom(_) | Self::Generate(_) | Self::Synth(_) => false,
         }
     }

@@ -26,6 +26,7 @@ use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::levels::Following;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError, Source};
 use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::memory;
 pub use store::DeviceStore;
 
 /// A dense inverse in f32 on a GPU that follows at one of the levels I to IV.
@@ -46,23 +47,47 @@ pub fn follow(
     options: Options,
 ) -> Result<DeviceLevels, RemeshError> {
     let base = single(source, level)?;
+    let unsuited = |reason: String| RemeshError::Unsuited {
+        level,
+        precision: Precision::Single,
+        reason,
+    };
+    if gpu.report().software {
+        check_memory(base.size(), &gpu.report().name, memory::available()).map_err(unsuited)?;
+    }
     let limit = gpu.limits().max_storage_buffer_binding_size;
     let store = DeviceStore::new(gpu, Arc::clone(&base), largest_support(mesh), limit);
     let store = store.map_err(|error| match error {
-        GpuError::Limit { .. } | GpuError::OutOfMemory { .. } => RemeshError::Unsuited {
-            level,
-            precision: Precision::Single,
-            reason: format!(
-                "the inverse of {} degrees of freedom takes {:.2} GiB of the memory of '{}': {error}; use the CPU, the exact \
-                 level, which needs no inverse there, or a coarser mesh",
-                base.size(),
-                tiles::bytes_of(base.size()) as f64 / (1u64 << 30) as f64,
-                gpu.report().name,
-            ),
-        },
+        GpuError::Limit { .. } | GpuError::OutOfMemory { .. } => {
+            unsuited(no_room(base.size(), &gpu.report().name, &error.to_string()))
+        }
         other => RemeshError::Device(other.to_string()),
     })?;
     Following::start(mesh, store, level, options)
+}
+
+/// Refuses an inverse on a device that shares the memory of the CPU where that has no room: it would be taken page by page,
+/// and the system would end the program.
+fn check_memory(size: usize, name: &str, available: Option<usize>) -> Result<(), String> {
+    match available {
+        Some(available) if tiles::bytes_of(size) > available as u64 => {
+            let there = format!("{:.2} GiB are available", gib(available as u64));
+            Err(no_room(size, name, &there))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn no_room(size: usize, name: &str, reason: &str) -> String {
+    format!(
+        "the inverse of {size} degrees of freedom takes {:.2} GiB of the memory of '{name}': {reason}; use the CPU, the exact \
+         level, which needs no inverse there, or a coarser mesh",
+        gib(tiles::bytes_of(size))
+    )
+}
+
+fn gib(bytes: u64) -> f64 {
+    bytes as f64 / (1u64 << 30) as f64
 }
 
 /// The dense inverse of a source in f32.
@@ -83,4 +108,21 @@ fn largest_support(mesh: &AdaptedMesh) -> usize {
     let free = |node: &u32| mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
     let supports = (0..mesh.nodes().len() as u32).map(|node| mesh.neighbours(node).iter().map(free).sum());
     supports.max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_inverse_beyond_the_memory_is_refused_with_what_it_needs() {
+        // 235 rows of tiles, 27,730 tiles of 64 KiB.
+        assert_eq!(tiles::bytes_of(30_000), 27_730 << 16);
+        let refused = check_memory(30_000, "llvmpipe", Some(1 << 30)).unwrap_err();
+        for word in ["30000", "1.69 GiB", "llvmpipe", "1.00 GiB", "exact"] {
+            assert!(refused.contains(word), "no {word:?} in {refused:?}");
+        }
+        assert_eq!(check_memory(30_000, "llvmpipe", Some(2 << 30)), Ok(()));
+        assert_eq!(check_memory(30_000, "llvmpipe", None), Ok(()));
+    }
 }

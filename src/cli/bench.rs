@@ -124,7 +124,8 @@ impl fmt::Display for Candidate {
     }
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+/// Seconds on the command line.
+pub fn seconds(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(seconds) if (0.0..=3600.0).contains(&seconds) => Ok(seconds),
         _ => Err("expected a number of seconds from 0 to 3600".to_owned()),

@@ -14,6 +14,8 @@ use insonify::output::sequence::SequenceError;
 use insonify::phantom::PhantomError;
 use insonify::scene::SceneError;
 use insonify::statics::StaticsError;
+use insonify::study::tradeoff::RenderError;
+use insonify::study::tradeoff::remesh::StudyError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
 use insonify::volume::complete::CompletionError;
@@ -106,9 +108,11 @@ from_library!(
     MeshFileError,
     PhantomError,
     PngError,
+    RenderError,
     SceneError,
     SequenceError,
     StaticsError,
+    StudyError,
     SynthError,
     VolumeError,
     WriteError

@@ -55,7 +55,7 @@ pub fn share(quiet: bool) -> ProgressBar {
     if quiet {
         return ProgressBar::hidden();
     }
-    styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left")
+    styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left  {msg}")
 }
 
 /// A bar over the frames of a run; hidden where standard error is no terminal, for a single frame, and on request.

@@ -19,7 +19,8 @@ const DEPTH: usize = 16;
 /// Most entries that one request returns; more take several.
 const ENTRIES: usize = 1 << 16;
 
-/// An inverse on a device, and its base in the memory of the CPU. No buffer is made once it is.
+/// An inverse on a device, and its base in the memory of the CPU. In the steady state no buffer is made: what is fetched comes
+/// through staging buffers that are kept, one for each power of two of entries.
 pub struct DeviceStore {
     gpu: Gpu,
     base: Arc<Symmetric<f32>>,

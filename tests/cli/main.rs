@@ -11,3 +11,4 @@ mod meshes;
 mod reports;
 mod solve;
 mod support;
+mod tradeoff;

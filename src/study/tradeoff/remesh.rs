@@ -106,11 +106,11 @@ pub fn study(
     options: &RemeshOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),
 ) -> Result<Study, StudyError> {
+    for mesh in meshes {
+        check_memory(subject::supports(mesh).free(), gpus, memory::available())?;
+    }
     let subjects = meshes.iter().map(|mesh| Subject::new(mesh, options));
     let subjects = subjects.collect::<Result<Vec<_>, _>>()?;
-    for subject in &subjects {
-        check_memory(subject.size(), gpus, memory::available())?;
-    }
     let mut report = Report::new(&subjects, gpus, options)?;
     let total = subjects.len() as f64;
     for (at, subject) in subjects.iter().enumerate() {

@@ -10,6 +10,7 @@ use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
+use crate::mechanics::tissue::rigid;
 use crate::random::{hash3, seed_words, unit};
 
 /// Nodes in contact: half of them with the needle, where it has moved that many, the others around its entry.
@@ -59,6 +60,32 @@ pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     )
 }
 
+/// The degrees of freedom of a mesh whose lowest nodes along z are fixed.
+pub fn supports(mesh: &TetMesh) -> Dofs {
+    let floor = place(mesh, [0.0, 0.0, FIXED])[2];
+    let fixed = mesh
+        .nodes()
+        .iter()
+        .zip(0..)
+        .filter(|(position, _)| position[2] <= floor);
+    Dofs::new(
+        mesh.nodes().len(),
+        fixed.flat_map(|(_, node)| [0, 1, 2].map(|axis| (node, axis))),
+    )
+}
+
+/// The place at some shares of the extents of a mesh, mm.
+fn place(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|axis| {
+        let along = || mesh.nodes().iter().map(|node| node[axis]);
+        let (low, high) = (
+            along().fold(f64::INFINITY, f64::min),
+            along().fold(f64::NEG_INFINITY, f64::max),
+        );
+        low + share[axis] * (high - low)
+    })
+}
+
 impl Subject {
     /// Fixes the lowest nodes along z, makes everything of one material, and finds out which corners a needle moves that
     /// goes down through the middle.
@@ -66,18 +93,12 @@ impl Subject {
     /// # Errors
     /// [`StudyError`].
     pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, StudyError> {
-        let (low, high) = bounds(mesh.nodes());
-        let at = |share: [f64; 3]| -> [f64; 3] {
-            std::array::from_fn(|axis| low[axis] + share[axis] * (high[axis] - low[axis]))
-        };
-        let floor = at([0.0, 0.0, FIXED])[2];
-        let fixed = mesh.nodes().iter().zip(0..).filter(|(place, _)| place[2] <= floor);
-        let fixed = fixed.flat_map(|(_, node)| [0, 1, 2].map(|axis| (node, axis)));
-        let dofs = Dofs::new(mesh.nodes().len(), fixed);
+        let dofs = supports(mesh);
+        rigid::check(mesh, &dofs)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
         let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], &dofs)?;
         let factor = Arc::new(Factor::new(adapted.stiffness())?);
-        let [entry, rest] = LINE.map(at);
+        let [entry, rest] = LINE.map(|share| place(mesh, share));
         let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
         let track = track(mesh, adapted.clone(), [entry, rest], &around, options.moves)?;
         let step = track.len().div_ceil(CONTACTS - around.len()).max(1);
@@ -133,13 +154,6 @@ impl Subject {
         }
         mesh.undo()?.ok_or(StudyError::Track { moves: moved })
     }
-}
-
-fn bounds(nodes: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
-    let fold = |start: f64, pick: fn(f64, f64) -> f64| -> [f64; 3] {
-        std::array::from_fn(|axis| nodes.iter().fold(start, |bound, node| pick(bound, node[axis])))
-    };
-    (fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max))
 }
 
 /// The free nodes nearest to a place.

@@ -1,0 +1,176 @@
+//! `insonify tradeoff remesh`: levels of remeshing.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
+use insonify::mechanics::mesh::TetMesh;
+use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use insonify::study::tradeoff::remesh::subject::generated;
+use insonify::study::tradeoff::remesh::{RemeshOptions, study};
+
+use crate::cli::backend::{BackendArgs, BackendName};
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify tradeoff remesh --quick                              a first look, in seconds
+  insonify tradeoff remesh -o study                             the default mesh, with plots
+  insonify tradeoff remesh --nodes 500,1000,3300,10000 -o study growth with the size of the mesh
+  insonify tradeoff remesh --mesh organs.vtu --poisson 0.49 --json
+
+A row with a star is a best choice: no other is both faster and nearer to the truth. A row that breaks what its
+level promises is marked WRONG.";
+
+/// Levels of remeshing: time against error, for each level, backend and precision
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Remesh {
+    /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z are fixed [default: a block is made]
+    #[arg(long, value_name = "FILE", conflicts_with = "nodes")]
+    mesh: Option<PathBuf>,
+    /// Nodes of the meshes to make [default: 3300; with --quick 500]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = node_count)]
+    nodes: Vec<usize>,
+    /// Remeshes of each contender, insertions and withdrawals of the needle together [default: 1000; with --quick 60]
+    #[arg(long, value_name = "N", value_parser = update_count)]
+    updates: Option<usize>,
+    /// Young's modulus, kPa
+    #[arg(long, value_name = "KPA", default_value_t = RemeshOptions::default().young_kpa, allow_negative_numbers = true)]
+    young_kpa: f64,
+    /// Poisson's ratio, above -1 and below 0.5
+    #[arg(long, value_name = "NU", default_value_t = RemeshOptions::default().poisson, allow_negative_numbers = true)]
+    poisson: f64,
+    /// Seconds after which a contender ends early
+    #[arg(long, value_name = "S", value_parser = super::super::bench::seconds)]
+    patience_s: Option<f64>,
+    /// A small mesh and few updates
+    #[arg(long)]
+    quick: bool,
+    #[command(flatten)]
+    backend: BackendArgs,
+    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Nodes of the mesh that is made by default: those of the detailed model of the haptic simulator paper.
+const NODES: usize = 3300;
+const QUICK_NODES: usize = 500;
+const QUICK_UPDATES: usize = 60;
+const QUICK_MOVES: usize = 8;
+
+impl Remesh {
+    pub fn run(&self) -> Result<(), Failure> {
+        if let Some(folder) = &self.output {
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
+        }
+        self.backend.check()?;
+        let meshes = self.meshes()?;
+        let (gpus, missing) = self.gpus()?;
+        let bar = terminal::share(self.quiet);
+        let study = study(&meshes, &gpus, &self.options(), &mut |what, share| {
+            bar.set_message(what.to_owned());
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let mut study = study?;
+        study.notes.extend(missing);
+        if let Some(folder) = &self.output {
+            let files = study.write(folder)?;
+            if !self.quiet {
+                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+            }
+        }
+        if self.json {
+            terminal::emit_json(&study.json())
+        } else {
+            terminal::emit(&study.text())
+        }
+    }
+
+    fn options(&self) -> RemeshOptions {
+        let usual = RemeshOptions::default();
+        RemeshOptions {
+            young_kpa: self.young_kpa,
+            poisson: self.poisson,
+            moves: if self.quick { QUICK_MOVES } else { usual.moves },
+            updates: self
+                .updates
+                .unwrap_or(if self.quick { QUICK_UPDATES } else { usual.updates }),
+            patience: self.patience_s.map_or(usual.patience, Duration::from_secs_f64),
+            cpu: self.backend.backend != BackendName::Gpu,
+        }
+    }
+
+    fn meshes(&self) -> Result<Vec<TetMesh>, Failure> {
+        if let Some(path) = &self.mesh {
+            let file = read_mesh(path, &ReadOptions::default())?;
+            file.warnings.iter().for_each(terminal::warn);
+            return Ok(vec![file.mesh]);
+        }
+        let usual = if self.quick { QUICK_NODES } else { NODES };
+        let nodes = if self.nodes.is_empty() {
+            vec![usual]
+        } else {
+            self.nodes.clone()
+        };
+        let made = nodes.iter().map(|nodes| {
+            generated(*nodes)
+                .map_err(|error| Failure::usage(format!("--nodes {nodes}: {error}"), "ask for other nodes"))
+        });
+        made.collect()
+    }
+
+    /// The devices to measure, and what to say of those that do not open.
+    fn gpus(&self) -> Result<(Vec<Gpu>, Vec<String>), Failure> {
+        let choice = self.backend.choice();
+        let open = |choice: &AdapterChoice| Gpu::open(choice, &Needs::default());
+        match self.backend.backend {
+            BackendName::Cpu | BackendName::CpuF64 => Ok((Vec::new(), Vec::new())),
+            BackendName::Gpu => Ok((vec![open(&choice)?], Vec::new())),
+            BackendName::Auto if choice.name.is_some() => Ok((vec![open(&choice)?], Vec::new())),
+            BackendName::Auto => {
+                let (mut gpus, mut missing) = (Vec::new(), Vec::new());
+                for found in adapter::list() {
+                    let name = format!("{} ({})", found.name, found.backend);
+                    match open(&AdapterChoice {
+                        name: Some(name.clone()),
+                    }) {
+                        Ok(gpu) => gpus.push(gpu),
+                        Err(error) => missing.push(format!("{name} was not measured: {error}")),
+                    }
+                }
+                if gpus.is_empty() && missing.is_empty() {
+                    missing.push(format!("no GPU was measured: {}", GpuError::NoAdapter));
+                }
+                Ok((gpus, missing))
+            }
+        }
+    }
+}
+
+fn node_count(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(nodes) if (100..=100_000).contains(&nodes) => Ok(nodes),
+        _ => Err("expected a number of nodes from 100 to 100000".to_owned()),
+    }
+}
+
+fn update_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(updates) if (1..=1_000_000).contains(&updates) => Ok(updates),
+        _ => Err("expected a number of updates from 1 to 1000000".to_owned()),
+    }
+}

@@ -1,0 +1,103 @@
+//! What `insonify tradeoff` prints and writes.
+
+use serde_json::Value;
+
+use crate::support::{Bench, Run};
+
+const SMALL: &str = "tradeoff remesh --nodes 250 --updates 12 --quick --quiet --backend cpu";
+
+fn small(more: &str) -> (Bench, Run) {
+    let bench = Bench::new();
+    let run = bench.run(&format!("{SMALL} {more}"));
+    (bench, run)
+}
+
+fn rows(json: &Value) -> &[Value] {
+    json["tables"]["remesh"]["rows"].as_array().expect("rows")
+}
+
+#[test]
+fn levels_are_measured_against_the_moved_mesh() {
+    let (bench, run) = small("--json -o study");
+    let json = run.json();
+    let level = |name: &str, precision: &str| {
+        let of = |row: &&Value| row["level"] == name && row["precision"] == precision;
+        rows(&json)
+            .iter()
+            .find(of)
+            .unwrap_or_else(|| panic!("no {name} in {precision}: {run:?}"))
+    };
+    for (name, precision, limit) in [
+        ("I", "f64", 1e-9),
+        ("I", "f32", 1e-2),
+        ("exact", "f64", 1e-9),
+        ("exact", "f32", 1e-2),
+        ("exact, columns on demand", "f64", 1e-9),
+        ("refactorisation", "f64", 1e-9),
+    ] {
+        let row = level(name, precision);
+        assert!(row["flag"].is_null(), "{row}");
+        for error in ["error_condensed", "error_inverse", "error_solution"] {
+            assert!(row[error].as_f64().is_some_and(|error| error < limit), "{error}: {row}");
+        }
+        assert!(
+            row["median_ms"].as_f64() > Some(0.0) && row["p95_ms"].as_f64() >= row["median_ms"].as_f64(),
+            "{row}"
+        );
+        assert_eq!(row["updates"], 12.0);
+    }
+    for name in ["II", "III", "IV"] {
+        // Entries left as they were show.
+        assert!(level(name, "f64")["error_condensed"].as_f64() > Some(1e-6), "{run:?}");
+    }
+    assert!(level("I", "f64")["copy_share_percent"].as_f64() > Some(0.0));
+    assert!(rows(&json).iter().any(|row| row["best"] == true));
+    assert_eq!(
+        bench.files("study"),
+        [
+            "drift.csv",
+            "remesh-drift.png",
+            "remesh-drift.svg",
+            "remesh-error-time.png",
+            "remesh-error-time.svg",
+            "remesh.csv",
+            "tradeoff-remesh.json",
+        ]
+    );
+    let written: Value =
+        serde_json::from_slice(&std::fs::read(bench.path("study/tradeoff-remesh.json")).unwrap()).unwrap();
+    assert_eq!(written, json);
+}
+
+#[test]
+fn several_sizes_show_the_growth_and_the_table_marks_the_best() {
+    let bench = Bench::new();
+    let run = bench.run("tradeoff remesh --nodes 250,400 --updates 8 --quick --quiet --backend cpu -o study");
+    let text = run.text();
+    assert!(
+        text.contains("err K^c") && text.lines().any(|line| line.starts_with('*')),
+        "{run:?}"
+    );
+    assert!(bench.files("study").contains(&"remesh-size.svg".to_owned()));
+}
+
+#[test]
+fn what_cannot_be_studied_is_refused_with_status_2() {
+    let bench = Bench::new();
+    bench.run("tradeoff").fails(2, &["remesh"]);
+    bench.run("tradeoff remesh --nodes 7").fails(2, &["100", "7"]);
+    bench.run("tradeoff remesh --mesh none.vtu").fails(2, &["none.vtu"]);
+    bench
+        .run("tradeoff remesh --mesh a.vtu --nodes 500")
+        .fails(2, &["--nodes"]);
+    bench
+        .run("tradeoff remesh --nodes 250 --poisson 0.5 --backend cpu")
+        .fails(2, &["0.5"]);
+    bench
+        .run("tradeoff remesh --nodes 250 --young-kpa -1 --backend cpu")
+        .fails(2, &["-1"]);
+    // Dense inverses beyond any memory: said before anything is allocated.
+    bench
+        .run("tradeoff remesh --nodes 100000 --backend cpu")
+        .fails(2, &["GiB", "coarser"]);
+}
