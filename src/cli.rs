@@ -16,8 +16,8 @@ mod scene;
 mod schema;
 mod solve;
 mod terminal;
-mod vtu;
 mod tradeoff;
+mod vtu;
 
 use std::process::ExitCode;
 

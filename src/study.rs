@@ -7,6 +7,7 @@
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`spread`] | medians and percentiles of times |
+//! | [`stability`] | hard cases, and whether they hold |
 //! | [`machine`] | what the CPU backend runs on |
 
 pub mod bench;
@@ -14,6 +15,7 @@ pub mod inspect;
 pub mod machine;
 pub mod plot;
 pub mod spread;
+pub mod stability;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tradeoff;

@@ -138,6 +138,30 @@ impl Shape {
             })
         })
     }
+
+    /// Forces (N) on the corners that hold their displacements (mm): of a translation exactly none, and adding up to nothing but
+    /// the rounding of the last sum.
+    #[inline]
+    pub fn forces(&self, [lambda, mu]: [f64; 2], displacements: &[[f64; 3]; 4]) -> [[f64; 3]; 4] {
+        let mut slope = [[0.0; 3]; 3];
+        for corner in 1..4 {
+            let difference = minus(displacements[corner], displacements[0]);
+            for (row, difference) in slope.iter_mut().zip(difference) {
+                for (entry, gradient) in row.iter_mut().zip(self.gradients[corner]) {
+                    *entry += difference * gradient;
+                }
+            }
+        }
+        let pressure = lambda * (slope[0][0] + slope[1][1] + slope[2][2]);
+        let stress: [[f64; 3]; 3] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let shear = mu * (slope[i][j] + slope[j][i]);
+                if i == j { shear + pressure } else { shear }
+            })
+        });
+        let [a, b, c] = [1, 2, 3].map(|corner| stress.map(|row| dot(row, self.gradients[corner])));
+        [std::array::from_fn(|axis| -(a[axis] + b[axis] + c[axis])), a, b, c]
+    }
 }
 
 /// The stiffness of the tetrahedron of these corners (mm; positive volume in the order of [`TetMesh`]).

@@ -1,5 +1,7 @@
 //! A static problem: some displacements and forces are given, the rest is sought.
 
+mod balance;
+
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -9,6 +11,7 @@ use super::factor::{Factor, FactorError};
 use super::material::{Materials, MaterialsError};
 use super::rigid::{self, RigidError};
 use crate::mechanics::mesh::TetMesh;
+use balance::Balance;
 
 /// A prescribed displacement of one node along one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,7 +188,8 @@ impl StaticProblem<'_> {
             return Err(SolveError::Overflow);
         }
         dofs.scatter(&free, &mut displacements);
-        for (load, holding) in forces.iter_mut().zip(stiffness.nodal_forces(&displacements)) {
+        let holding = Balance::new(self.mesh, &materials)?.settle(&dofs, &factor, &forces, &mut displacements);
+        for (load, holding) in forces.iter_mut().zip(holding) {
             *load = std::array::from_fn(|axis| holding[axis] - load[axis]);
         }
         let reaction = |(node, axis): (u32, u8)| Reaction {

@@ -1,0 +1,81 @@
+//! Hard cases of the numerics: what each must hold to, what was measured, and whether it does.
+//!
+//! One table serves the `stability` command, which runs every case at its whole length, and the tests, which run them
+//! quickly. A [`Group`] of cases lives in a file of its own and is made known in [`GROUPS`], nowhere else. A case runs on a
+//! [`Record`] and puts figures into it; each figure that the criterion bounds carries its limit. NaN and infinity never hold,
+//! even where a figure is only reported, and an error that a case does not expect is a figure that does not hold.
+//!
+//! | file | what it holds |
+//! |---|---|
+//! | [`case`] | a case, a group, how long to run |
+//! | [`record`] | figures, limits, margins |
+//! | [`report`] | the table, as text, Markdown and JSON |
+//! | `solving` | elements, solvers, the inverse |
+//! | `remeshing` | remeshing and constraints |
+
+pub mod case;
+pub mod record;
+mod remeshing;
+pub mod report;
+mod solving;
+
+use std::time::Instant;
+
+pub use case::{Case, Effort, Group};
+pub use record::{Measure, Record, Unexpected};
+pub use report::{CaseReport, Report};
+
+use super::machine::Machine;
+
+/// Every group, in the order in which it is shown.
+pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP];
+
+/// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
+pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {
+    let only = only.unwrap_or("").to_lowercase();
+    let pairs = groups
+        .iter()
+        .flat_map(|group| group.cases.iter().map(|case| (group.name, case)));
+    pairs
+        .filter(|(group, case)| {
+            [group, case.name]
+                .iter()
+                .any(|name| name.to_lowercase().contains(&only))
+        })
+        .collect()
+}
+
+/// Runs cases one after another. `progress` is told the name of the case at hand and the share of all that is done, 0 to 1.
+pub fn run(cases: &[(&str, &Case)], effort: Effort, mut progress: impl FnMut(&str, f64)) -> Report {
+    let mut reports = Vec::with_capacity(cases.len());
+    for (at, (group, case)) in cases.iter().enumerate() {
+        let mut within = |share: f64| progress(case.name, (at as f64 + share.clamp(0.0, 1.0)) / cases.len() as f64);
+        within(0.0);
+        reports.push(run_case(group, case, effort, &mut within));
+    }
+    Report {
+        effort,
+        machine: Machine::here(),
+        cases: reports,
+    }
+}
+
+fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f64)) -> CaseReport {
+    let start = Instant::now();
+    let mut record = Record::new(effort, case.seed, progress);
+    if let Err(unexpected) = (case.run)(&mut record) {
+        record.fail(unexpected);
+    }
+    CaseReport {
+        group: group.to_owned(),
+        name: case.name.to_owned(),
+        criterion: case.criterion.to_owned(),
+        covers: case.covers.iter().map(|&cover| cover.to_owned()).collect(),
+        seed: case.seed,
+        seconds: start.elapsed().as_secs_f64(),
+        measures: record.into_measures(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! Remeshing and constraints.
+
+mod counts;
+mod moves;
+mod precision;
+mod refusals;
+mod setup;
+mod switching;
+mod tip;
+
+use super::case::{Case, Group};
+
+/// The cases.
+pub const GROUP: Group = Group {
+    name: "Remeshing and constraints",
+    cases: &[
+        Case {
+            name: "many remeshes, exact level",
+            criterion: "1 to 5,000 remeshes, nu 0.45, 0.499, 0.4999: error under 1e-11 (in f32: as many roundings) of a rebuilt K^-1, \
+                        scaled by condition",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 21,
+            run: counts::exact,
+        },
+        Case {
+            name: "many remeshes, level I",
+            criterion: "1 to 5,000 remeshes: error reported; the sampled residual triggers a refresh before it passes its tolerance",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 22,
+            run: counts::first,
+        },
+        Case {
+            name: "many remeshes, levels II, III",
+            criterion: "1 to 5,000 remeshes: error of K^c bounded and reported, K^c stays positive definite or is refreshed, never NaN",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 23,
+            run: counts::lower,
+        },
+        Case {
+            name: "out and back",
+            criterion: "1,000 times: exact level back bit for bit with |S| = 0; level I within 1e-11 at nu 0.45 in f64, scaled by \
+                        condition and rounding elsewhere",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 24,
+            run: moves::out_and_back,
+        },
+        Case {
+            name: "moves that spoil an element",
+            criterion: "inverted or flattened: refused, another corner taken, or an error; state unchanged",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 25,
+            run: refusals::spoiling,
+        },
+        Case {
+            name: "near singular capacitance",
+            criterion: "a node moved almost onto a face: condition estimated, refused past a stated limit, no silent loss",
+            covers: &["cpu f64"],
+            seed: 26,
+            run: refusals::near_singular,
+        },
+        Case {
+            name: "f32 against f64",
+            criterion: "agree to condition x f32 epsilon; a level that cannot is refused with the reason",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 27,
+            run: precision::single_and_double,
+        },
+        Case {
+            name: "where the tip is",
+            criterion: "on a vertex, an edge, a face, outside, in a gap between parts: a defined choice, the same every time",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 28,
+            run: tip::places,
+        },
+        Case {
+            name: "moves that overlap",
+            criterion: "two neighbouring nodes, the same node twice, every node of an element: equal to a rebuilt inverse",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 29,
+            run: moves::overlapping,
+        },
+        Case {
+            name: "constraint switching",
+            criterion: "1e4 random switches by pivots: difference to a fresh factorisation under 1e-9",
+            covers: &["cpu f64"],
+            seed: 30,
+            run: switching::many,
+        },
+        Case {
+            name: "dependent contacts",
+            criterion: "two nearly dependent displacements, a contact on a fixed node: an error, or a finite force",
+            covers: &["cpu f64"],
+            seed: 31,
+            run: switching::dependent,
+        },
+    ],
+};

@@ -1,0 +1,201 @@
+//! What adds up over many remeshes.
+
+use faer::Side;
+
+use super::setup::{BACKENDS, Backend, Now, Start};
+use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError};
+use crate::study::stability::record::{Record, Unexpected, largest};
+
+const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
+
+/// After how many remeshes the inverse is compared with one computed anew.
+fn counts(record: &Record<'_>) -> &'static [u64] {
+    record.effort().pick(&[1, 10, 100], &[1, 10, 100, 1000, 5000])
+}
+
+/// Calls `measure` for every backend and Poisson's ratio, and tells of progress.
+fn each(
+    record: &mut Record<'_>,
+    mut measure: impl FnMut(&mut Record<'_>, &Backend, &Start, f64) -> Result<(), Unexpected>,
+) -> Result<(), Unexpected> {
+    let of = (BACKENDS.len() * POISSON.len()) as f64;
+    for (at, poisson) in POISSON.into_iter().enumerate() {
+        let start = Start::new(record.seed(), poisson)?;
+        for (nth, backend) in BACKENDS.iter().enumerate() {
+            record.done((at * BACKENDS.len() + nth) as f64 / of);
+            measure(record, backend, &start, poisson)?;
+        }
+    }
+    Ok(())
+}
+
+/// Nodes spread over the block, moved again and again.
+fn spread(start: &Start) -> Vec<u32> {
+    start.free.iter().copied().step_by(9).collect()
+}
+
+/// The exact level: S from scratch, C watched and mended.
+pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    each(record, |record, backend, start, poisson| {
+        let mut adaptation = backend.follow(start, Level::Exact, Options::default())?;
+        let (nodes, mut done, mut rebuilds, mut failed) = (spread(start), 0, 0u32, 0u32);
+        for &count in counts(record) {
+            start.go(&mut adaptation, &nodes, done..count, |_, report| {
+                rebuilds += u32::from(report.rebuilt.is_some());
+                failed += u32::from(report.rebuild_failed);
+                Ok(())
+            })?;
+            done = count;
+            let now = Now::of(adaptation.mesh())?;
+            let what = format!("{}, nu {poisson}, {count} remeshes", backend.name);
+            record.under(
+                format!("error of K^-1, {what}"),
+                now.error_of_all(&mut adaptation)?,
+                start.allowed(&now, backend),
+            );
+            record.under(
+                format!("error of K^c, {what}"),
+                now.error_of_contacts(&adaptation),
+                start.allowed(&now, backend),
+            );
+        }
+        record.report(
+            format!("times computed anew, {}, nu {poisson}", backend.name),
+            f64::from(rebuilds),
+        );
+        record.zero(
+            format!("refreshes that failed, {}, nu {poisson}", backend.name),
+            f64::from(failed),
+        );
+        Ok(())
+    })
+}
+
+/// The tolerance that the monitor of level I holds the residual to.
+fn tolerance(options: &Options, precision: Precision) -> f64 {
+    match precision {
+        Precision::Single => options.residual_single,
+        Precision::Double => options.residual_double,
+    }
+}
+
+/// Level I: rounding adds up in the inverse, and is watched.
+pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    each(record, |record, backend, start, poisson| {
+        let options = Options::default();
+        let beyond = poisson > options.single_poisson_limit && backend.precision == Precision::Single;
+        if beyond {
+            let refused = backend.follow(start, Level::I, options);
+            record.refused(
+                format!("level I in {} at nu {poisson}", backend.name),
+                refused,
+                |error| matches!(error, RemeshError::Unsuited { reason, .. } if reason.contains(&poisson.to_string())),
+            );
+            return Ok(());
+        }
+        let limit = tolerance(&options, backend.precision);
+        let mut adaptation = backend.follow(start, Level::I, options)?;
+        let (nodes, mut done, mut rebuilds, mut worst) = (spread(start), 0, 0u32, Vec::new());
+        for &count in counts(record) {
+            start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
+                rebuilds += u32::from(report.rebuilt.is_some());
+                if adaptation.mesh().step() % 4 == 0 {
+                    let contacts = adaptation.remesher().contacts().to_vec();
+                    let (mesh, remesher) = adaptation.parts();
+                    worst.push(remesher.residual(mesh, &contacts)?);
+                }
+                Ok(())
+            })?;
+            done = count;
+            let now = Now::of(adaptation.mesh())?;
+            let error = now.error_of_all(&mut adaptation)?;
+            record.report(
+                format!("error of K^-1, {}, nu {poisson}, {count} remeshes", backend.name),
+                error,
+            );
+        }
+        let what = format!("{}, nu {poisson}", backend.name);
+        record.under(
+            format!("worst residual ever, all contacts, {what}"),
+            largest(worst),
+            limit,
+        );
+        record.report(format!("refreshes, {what}"), f64::from(rebuilds));
+        Ok(())
+    })?;
+    drifting(record)
+}
+
+/// Where level I is allowed in f32 beyond what suits it, the monitor must speak.
+fn drifting(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let start = Start::new(record.seed(), 0.499)?;
+    let backends = BACKENDS.iter().filter(|backend| backend.precision == Precision::Single);
+    for backend in backends {
+        let watched = Options {
+            single_poisson_limit: 0.5,
+            check_every: 1,
+            ..Options::default()
+        };
+        let unwatched = Options {
+            check_every: 0,
+            ..watched
+        };
+        let count = record.effort().pick(100, 1000);
+        let error = |options| -> Result<(f64, u32), Unexpected> {
+            let mut adaptation = backend.follow(&start, Level::I, options)?;
+            let mut rebuilds = 0;
+            start.go(&mut adaptation, &spread(&start), 0..count, |_, report| {
+                rebuilds += u32::from(matches!(report.rebuilt, Some(Rebuilt::Residual(_))));
+                Ok(())
+            })?;
+            Ok((Now::of(adaptation.mesh())?.error_of_contacts(&adaptation), rebuilds))
+        };
+        let ((kept, rebuilds), (lost, _)) = (error(watched)?, error(unwatched)?);
+        let what = format!("{} at nu 0.499, {count} remeshes", backend.name);
+        record.zero(format!("drift unseen, {what}"), f64::from(rebuilds == 0));
+        record.report(format!("error of K^c, watched, {what}"), kept);
+        record.report(format!("error of K^c, not watched, {what}"), lost.min(f64::MAX));
+        record.under(
+            format!("error watched over error not watched, {what}"),
+            kept / lost,
+            0.5,
+        );
+    }
+    Ok(())
+}
+
+fn is_definite(adaptation: &Adaptation) -> bool {
+    adaptation.remesher().condensed().llt(Side::Lower).is_ok()
+}
+
+/// Levels II and III leave entries as they were, so K^c is an approximation, and stays a compliance.
+pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    each(record, |record, backend, start, poisson| {
+        for level in [Level::II, Level::III] {
+            let options = Options::default();
+            let mut adaptation = match backend.follow(start, level, options) {
+                Err(RemeshError::Unsuited { .. }) if backend.precision == Precision::Single && poisson > 0.49 => {
+                    continue;
+                }
+                other => other?,
+            };
+            let (nodes, mut done, mut rebuilds, mut indefinite) = (start.free.clone(), 0, 0u32, 0u32);
+            let what = format!("level {level}, {}, nu {poisson}", backend.name);
+            for &count in counts(record) {
+                start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
+                    rebuilds += u32::from(report.rebuilt == Some(Rebuilt::Indefinite));
+                    indefinite += u32::from(!is_definite(adaptation));
+                    Ok(())
+                })?;
+                done = count;
+                let now = Now::of(adaptation.mesh())?;
+                // Of the size of the compliance itself it would say nothing any more.
+                let error = now.error_of_contacts(&adaptation);
+                record.under(format!("error of K^c, {what}, {count} remeshes"), error, 1.0);
+            }
+            record.zero(format!("times K^c was left indefinite, {what}"), f64::from(indefinite));
+            record.report(format!("refreshes, {what}"), f64::from(rebuilds));
+        }
+        Ok(())
+    })
+}

@@ -1,0 +1,108 @@
+//! Elements, solvers, the inverse.
+
+mod elements;
+mod inverse;
+mod manufactured;
+mod materials;
+mod order;
+pub(super) mod problem;
+mod scaling;
+mod singular;
+
+use super::case::{Case, Group};
+
+/// The cases.
+pub const GROUP: Group = Group {
+    name: "Elements, solvers, inverse",
+    cases: &[
+        Case {
+            name: "patch test",
+            criterion: "a linear field on irregular meshes, Jacobian condition 1 to 1e6: relative error under 100 eps x condition of K",
+            covers: &["cpu f64"],
+            seed: 1,
+            run: elements::patch,
+        },
+        Case {
+            name: "slivers",
+            criterion: "a vertex moved to within 1e-1 to 1e-8 of the opposite face: backward error under 1e-12; below the quality limit \
+                        refused by name",
+            covers: &["cpu f64"],
+            seed: 2,
+            run: elements::slivers,
+        },
+        Case {
+            name: "near incompressibility",
+            criterion: "nu 0.49 to 0.49999: backward error under 1e-12; locking measured against the exact solution; Cholesky succeeds",
+            covers: &["cpu f64"],
+            seed: 3,
+            run: materials::near_incompressible,
+        },
+        Case {
+            name: "stiffness contrast",
+            criterion: "1:1e4 and 1:1e8: backward error under 1e-12, K^-1 symmetric, global equilibrium to 1e-10, two-material bar exact \
+                        to 100 eps x condition",
+            covers: &["cpu f64"],
+            seed: 4,
+            run: materials::contrast,
+        },
+        Case {
+            name: "units",
+            criterion: "the same problem in 1e-3 and 1e3 times the units: results scale to 1e-10",
+            covers: &["cpu f64"],
+            seed: 5,
+            run: scaling::units,
+        },
+        Case {
+            name: "singular problems",
+            criterion: "no fixed node, one, nodes on a line, a disconnected part: refused, naming the free motion and the part",
+            covers: &["cpu f64"],
+            seed: 6,
+            run: singular::refused,
+        },
+        Case {
+            name: "order and threads",
+            criterion: "nodes and elements permuted: equal to 1e-12; the same order on any number of threads: equal to the bit",
+            covers: &["cpu f64"],
+            seed: 7,
+            run: order::permuted,
+        },
+        Case {
+            name: "nothing, and twice as much",
+            criterion: "zero load, zero rank, no contact: exactly zero, exactly unchanged; f(2x) = 2 f(x) to the bit",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 8,
+            run: scaling::nothing_and_twice,
+        },
+        Case {
+            name: "powers of four",
+            criterion: "lengths and loads scaled by powers of four: equal to the bit after rescaling; by other factors to 1e-13 x condition",
+            covers: &["cpu f64"],
+            seed: 9,
+            run: scaling::powers_of_four,
+        },
+        Case {
+            name: "manufactured solution",
+            criterion: "on five meshes: orders 2 in L2 and 1 in H1 within 0.15",
+            covers: &["cpu f64"],
+            seed: 10,
+            run: manufactured::orders,
+        },
+        Case {
+            name: "rigid motions",
+            criterion: "norm of K r under 10 eps norm(K) norm(r)",
+            covers: &["cpu f64"],
+            seed: 11,
+            run: elements::rigid_motions,
+        },
+        Case {
+            name: "definite inverse",
+            criterion: "K^-1 positive definite, its asymmetry exactly zero; smallest pivot reported",
+            covers: &["cpu f64", "cpu f32"],
+            seed: 12,
+            run: inverse::definite,
+        },
+    ],
+};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,236 @@
+//! Manufactured solutions: the body force that a smooth displacement needs is put in, and the displacement must come out,
+//! with the second order in L2 and the first in energy, which is equivalent to H1 (P. G. Ciarlet, "The Finite Element Method
+//! for Elliptic Problems").
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::problem::{Problem, lattice, shaken};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::problem::Load;
+use crate::study::stability::record::{Record, Unexpected, largest};
+
+/// Edge of the block, mm.
+pub const EDGE: f64 = 10.0;
+
+/// A plane wave of displacement: a sin(k . x + start).
+#[derive(Clone, Copy)]
+pub struct Wave {
+    /// a, mm.
+    pub amplitude: [f64; 3],
+    /// k, 1/mm.
+    pub vector: [f64; 3],
+    /// rad.
+    pub start: f64,
+}
+
+impl Wave {
+    fn phase(&self, p: &[f64; 3]) -> f64 {
+        self.start + Vector3::from(self.vector).dot(&Vector3::from(*p))
+    }
+
+    /// Volume changes, for the vector has a part along the amplitude.
+    fn divergence_amplitude(&self) -> f64 {
+        Vector3::from(self.vector).dot(&Vector3::from(self.amplitude))
+    }
+}
+
+/// Waves that stretch, shear and change volume.
+pub const WAVES: [Wave; 3] = [
+    Wave {
+        amplitude: [0.3, 0.0, 0.0],
+        vector: [0.25, 0.10, -0.15],
+        start: 0.4,
+    },
+    Wave {
+        amplitude: [0.0, 0.2, 0.0],
+        vector: [-0.10, 0.20, 0.20],
+        start: 1.1,
+    },
+    Wave {
+        amplitude: [0.0, 0.0, 0.4],
+        vector: [0.15, -0.20, 0.25],
+        start: 2.3,
+    },
+];
+
+/// The displacement of some waves.
+pub fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
+    let sum: Vector3<f64> = waves
+        .iter()
+        .map(|wave| Vector3::from(wave.amplitude) * wave.phase(p).sin())
+        .sum();
+    sum.into()
+}
+
+/// Row i: the gradient of component i.
+fn gradient(waves: &[Wave], p: &[f64; 3]) -> Matrix3<f64> {
+    let of = |wave: &Wave| Vector3::from(wave.amplitude) * Vector3::from(wave.vector).transpose() * wave.phase(p).cos();
+    waves.iter().map(of).sum()
+}
+
+/// The Lame parameters, N/mm^2.
+fn lame(material: &Material) -> [f64; 2] {
+    material.lame_kpa().map(|kpa| kpa * 1e-3)
+}
+
+/// The body force -(lambda + mu) grad div u - mu laplace u, N/mm^3.
+fn body_force(waves: &[Wave], material: &Material, p: &[f64; 3]) -> Vector3<f64> {
+    let [lambda, mu] = lame(material);
+    let of = |wave: &Wave| {
+        let (amplitude, vector) = (Vector3::from(wave.amplitude), Vector3::from(wave.vector));
+        let squeeze = vector * ((lambda + mu) * wave.divergence_amplitude());
+        (squeeze + amplitude * (mu * vector.norm_squared())) * wave.phase(p).sin()
+    };
+    waves.iter().map(of).sum()
+}
+
+/// Gauss's four points on [0, 1] with their weights.
+fn gauss() -> [(f64, f64); 4] {
+    let [inner, outer] = [-1.0, 1.0].map(|sign: f64| 0.5 * (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2f64.sqrt()).sqrt());
+    let [more, less] = [1.0, -1.0].map(|sign: f64| 0.25 + sign * 30f64.sqrt() / 72.0);
+    [
+        (0.5 - outer, less),
+        (0.5 - inner, more),
+        (0.5 + inner, more),
+        (0.5 + outer, less),
+    ]
+}
+
+/// Barycentric points and weights on a tetrahedron of unit volume: Gauss's points on a cube that is collapsed onto it. Exact
+/// for polynomials of the fifth degree, as the collapse takes two from seven.
+pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
+    let mut points = Vec::new();
+    for (a, wa) in gauss() {
+        for (b, wb) in gauss() {
+            for (c, wc) in gauss() {
+                let (x, y, z) = (a, b * (1.0 - a), c * (1.0 - a) * (1.0 - b));
+                points.push((
+                    [1.0 - x - y - z, x, y, z],
+                    6.0 * wa * wb * wc * (1.0 - a).powi(2) * (1.0 - b),
+                ));
+            }
+        }
+    }
+    points
+}
+
+/// Calls `at` with each element's corners, and position, barycentric coordinates and weight (mm^3) of its points.
+fn integrate(mesh: &TetMesh, mut at: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
+    let points = quadrature();
+    for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(mesh.nodes())) {
+        for (bary, weight) in &points {
+            let position =
+                std::array::from_fn(|axis| (0..4).map(|k| bary[k] * mesh.nodes()[corners[k] as usize][axis]).sum());
+            at(corners, position, bary, weight * volume);
+        }
+    }
+}
+
+/// Gradients of the barycentric coordinates of an element, one a row.
+fn slopes(nodes: &[[f64; 3]], corners: &[u32; 4]) -> Option<[Vector3<f64>; 4]> {
+    let [a, b, c, d] = corners.map(|node| Vector3::from(nodes[node as usize]));
+    let inverse = Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse()?;
+    let [x, y, z] = [0, 1, 2].map(|row| inverse.row(row).transpose());
+    Some([-(x + y + z), x, y, z])
+}
+
+/// Errors in L2 and in energy, relative to the exact solution, and the backward error.
+pub struct Errors {
+    pub l2: f64,
+    pub energy: f64,
+    pub residual: f64,
+}
+
+/// Solves for waves that are prescribed on the surface and driven by their body force inside.
+pub fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Errors, Unexpected> {
+    let mut problem = Problem::new(mesh, material);
+    problem.fix_surface(|p| exact(waves, p));
+    let mut forces = vec![Vector3::zeros(); problem.mesh.nodes().len()];
+    integrate(&problem.mesh, |corners, position, bary, weight| {
+        let force = body_force(waves, &material, &position) * weight;
+        for (corner, share) in corners.iter().zip(bary) {
+            forces[*corner as usize] += force * *share;
+        }
+    });
+    let load = |(node, force): (u32, Vector3<f64>)| Load {
+        node,
+        force_n: force.into(),
+    };
+    problem.loads = (0..).zip(forces).map(load).collect();
+    let solution = problem.solve()?;
+    let found = solution.displacement_mm;
+    let [lambda, mu] = lame(&material);
+    let density = |gradient: &Matrix3<f64>| {
+        let strain = 0.5 * (gradient + gradient.transpose());
+        0.5 * lambda * strain.trace().powi(2) + mu * strain.norm_squared()
+    };
+    let nodes = problem.mesh.nodes();
+    let mut sums = [0.0; 4];
+    integrate(&problem.mesh, |corners, position, bary, weight| {
+        let Some(slopes) = slopes(nodes, corners) else {
+            sums[2] = f64::NAN;
+            return;
+        };
+        let values = corners.map(|node| Vector3::from(found[node as usize]));
+        let slope: Matrix3<f64> = (0..4).map(|k| values[k] * slopes[k].transpose()).sum();
+        let interpolated: Vector3<f64> = (0..4).map(|k| values[k] * bary[k]).sum();
+        let value = Vector3::from(exact(waves, &position));
+        let gradient = gradient(waves, &position);
+        sums[0] += weight * (interpolated - value).norm_squared();
+        sums[1] += weight * value.norm_squared();
+        sums[2] += weight * density(&(slope - gradient));
+        sums[3] += weight * density(&gradient);
+    });
+    Ok(Errors {
+        l2: (sums[0] / sums[1]).sqrt(),
+        energy: (sums[2] / sums[3]).sqrt(),
+        residual: solution.residual,
+    })
+}
+
+/// How far an order may be from its limit on meshes of this size.
+const SLACK: f64 = 0.15;
+
+/// Five meshes, regular and shaken.
+pub fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let sizes = [4, 6, 8, 12, 16];
+    let seed = record.seed();
+    let families = [("regular", 0.3, 0.0), ("shaken", 0.45, 0.1), ("regular", -0.3, 0.0)];
+    let count = record.effort().pick(2, families.len());
+    for (at, (name, poisson, share)) in families.into_iter().take(count).enumerate() {
+        record.done(at as f64 / count as f64);
+        let material = Material::new(6.0, poisson)?;
+        let mut all = Vec::new();
+        for cells in sizes {
+            let mesh = match share {
+                0.0 => lattice([cells; 3], [EDGE; 3])?,
+                share => shaken([cells; 3], [EDGE; 3], share, seed)?,
+            };
+            all.push(errors(mesh, material, &WAVES)?);
+        }
+        let finer = sizes[sizes.len() - 1] as f64 / sizes[0] as f64;
+        let order = |of: fn(&Errors) -> f64| (of(&all[0]) / of(&all[all.len() - 1])).log(finer);
+        // Each shaken mesh has a constant of its own: the order is that of the whole range.
+        record.under(
+            format!("|order in L2 - 2|, {name} meshes, nu {poisson}"),
+            (order(|errors| errors.l2) - 2.0).abs(),
+            SLACK,
+        );
+        record.under(
+            format!("|order in energy - 1|, {name} meshes, nu {poisson}"),
+            (order(|errors| errors.energy) - 1.0).abs(),
+            SLACK,
+        );
+        record.report(
+            format!("error in L2 on the finest, {name}, nu {poisson}"),
+            all[all.len() - 1].l2,
+        );
+        record.under(
+            format!("backward error, {name} meshes, nu {poisson}"),
+            largest(all.iter().map(|errors| errors.residual)),
+            1e-12,
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,173 @@
+//! Hardly compressible, and of very unlike stiffness.
+
+use super::elements::ROUNDING_UNITS;
+use super::manufactured::{EDGE, Wave, errors};
+use super::problem::{Problem, condition, lattice, shaken, with_regions};
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::inverse::invert;
+use crate::mechanics::tissue::material::{Material, Materials};
+use crate::mechanics::tissue::problem::Solution;
+use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::stability::record::{Record, Unexpected, largest, relative};
+
+/// Waves whose amplitude is across their vector: they keep the volume of everything, so the exact solution, and the body force
+/// that it needs, are the same at any Poisson's ratio. What the error grows by is locking.
+const KEEPING_VOLUME: [Wave; 3] = [
+    Wave {
+        amplitude: [0.3, 0.0, 0.5],
+        vector: [0.25, 0.10, -0.15],
+        start: 0.4,
+    },
+    Wave {
+        amplitude: [0.2, 0.1, 0.0],
+        vector: [-0.10, 0.20, 0.20],
+        start: 1.1,
+    },
+    Wave {
+        amplitude: [0.0, 0.25, 0.2],
+        vector: [0.15, -0.20, 0.25],
+        start: 2.3,
+    },
+];
+
+/// Linear tetrahedra lock near incompressibility: the solver must not make it worse, and the report must not hide it.
+pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let cells = record.effort().pick(6, 12);
+    for fine in [cells, 3 * cells / 2] {
+        let mesh = shaken([fine; 3], [EDGE; 3], 0.1, record.seed())?;
+        let free = errors(mesh.clone(), Material::new(6.0, 0.3)?, &KEEPING_VOLUME)?;
+        record.report(format!("error in L2, nu 0.3, {fine} cells an edge"), free.l2);
+        for poisson in [0.49, 0.499, 0.4999, 0.49999] {
+            let found = errors(mesh.clone(), Material::new(6.0, poisson)?, &KEEPING_VOLUME)?;
+            record.under(
+                format!("backward error, nu {poisson}, {fine} cells"),
+                found.residual,
+                1e-12,
+            );
+            record.report(
+                format!("locking: error in L2, nu {poisson}, {fine} cells an edge"),
+                found.l2,
+            );
+            record.report(
+                format!("locking: error over that at nu 0.3, nu {poisson}, {fine} cells"),
+                found.l2 / free.l2,
+            );
+        }
+    }
+    // Under forces, where nothing holds the volume but the floor.
+    for poisson in [0.49, 0.499, 0.4999, 0.49999] {
+        let solution = Problem::block(record, poisson)?.solve()?;
+        record.under(
+            format!("backward error under forces, nu {poisson}"),
+            solution.residual,
+            1e-12,
+        );
+    }
+    Ok(())
+}
+
+/// The force that is missing to balance, along the worst axis, over the sum of all given forces.
+fn imbalance(problem: &Problem, solution: &Solution) -> f64 {
+    let mut sums = [0.0; 3];
+    let mut total = 0.0;
+    for load in &problem.loads {
+        for (axis, force) in load.force_n.iter().enumerate() {
+            sums[axis] += force;
+            total += force.abs();
+        }
+    }
+    for reaction in &solution.reactions {
+        sums[usize::from(reaction.axis)] += reaction.force_n;
+    }
+    largest(sums) / total
+}
+
+/// A material of which one part is ten thousand or a hundred million times as stiff as the other.
+pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    for ratio in [1e4, 1e8] {
+        for (name, is_stiff) in [
+            ("stiff base", (|middle| middle[2] < 4.0) as fn([f64; 3]) -> bool),
+            ("stiff core", |middle| middle.iter().all(|x| (2.0..8.0).contains(x))),
+        ] {
+            let mesh = with_regions(&shaken([5, 5, 5], [10.0; 3], 0.15, record.seed())?, |middle| {
+                i32::from(is_stiff(middle))
+            })?;
+            let mut problem = Problem::new(mesh, Material::new(1.0, 0.45)?);
+            problem.materials = Materials::new(Some(Material::new(1.0, 0.45)?), &[(1, Material::new(ratio, 0.45)?)])?;
+            problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
+            problem.load_all(record.seed());
+            let solution = problem.solve()?;
+            let what = format!("{name}, 1:{ratio:.0e}");
+            record.under(format!("backward error, {what}"), solution.residual, 1e-12);
+            record.under(
+                format!("imbalance of all forces, {what}"),
+                imbalance(&problem, &solution),
+                1e-10,
+            );
+            let stiffness = problem.stiffness()?;
+            let factor = Factor::new(&stiffness)?;
+            let limit = ROUNDING_UNITS * f64::EPSILON * condition(&stiffness, &factor);
+            record.under(
+                format!("asymmetry of columns of K^-1, {what}"),
+                asymmetry_of_columns(&factor),
+                limit,
+            );
+            let inverse: Symmetric<f64> = invert(&factor, |_, _| {})?;
+            let apart = |i: usize| (0..i).filter(move |j| i % 7 == 0 && j % 5 == 0);
+            let pairs = (0..inverse.size()).flat_map(|i| apart(i).map(move |j| (i, j)));
+            let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));
+            record.zero(format!("asymmetry of the dense inverse, {what}"), largest(differences));
+        }
+        for order in [[1.0, ratio], [ratio, 1.0]] {
+            bar(record, order)?;
+        }
+    }
+    Ok(())
+}
+
+/// The largest |X_ij - X_ji| over the largest |X_ij| among a dozen columns, each solved by itself.
+fn asymmetry_of_columns(factor: &Factor) -> f64 {
+    let size = factor.size();
+    let dofs: Vec<usize> = (0..size).step_by(size.div_ceil(12)).collect();
+    let column = |dof: &usize| {
+        let mut column = vec![0.0; size];
+        column[*dof] = 1.0;
+        factor.solve_in_place(&mut column);
+        dofs.iter().map(|row| column[*row]).collect::<Vec<f64>>()
+    };
+    let block: Vec<Vec<f64>> = dofs.iter().map(column).collect();
+    let pairs = (0..dofs.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let difference = largest(pairs.map(|(i, j)| block[i][j] - block[j][i]));
+    difference / largest(block.iter().flatten().copied())
+}
+
+/// Two layers pulled apart, each half of a bar that does not draw in (nu = 0): displacements add up as of springs in series.
+fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
+    const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
+    const PULL_MM: f64 = 0.6;
+    // The layers meet in a plane of nodes.
+    let mesh = with_regions(&lattice([3, 3, 6], EXTENT)?, |middle| i32::from(middle[2] > 6.0))?;
+    let mut problem = Problem::new(mesh, Material::new(1.0, 0.0)?);
+    let layers = [
+        (0, Material::new(young_kpa[0], 0.0)?),
+        (1, Material::new(young_kpa[1], 0.0)?),
+    ];
+    problem.materials = Materials::new(None, &layers)?;
+    for axis in 0..3u8 {
+        problem.fix(&[axis], |p| p[usize::from(axis)] == 0.0, |_| [0.0; 3]);
+    }
+    problem.fix(&[2], |p| p[2] == EXTENT[2], |_| [0.0, 0.0, PULL_MM]);
+    let found = problem.solve()?.displacement_mm;
+    let stress = PULL_MM / young_kpa.iter().map(|young| 6.0 / young).sum::<f64>();
+    let exact = |p: &[f64; 3]| {
+        let share = |layer: usize| (p[2] - 6.0 * layer as f64).clamp(0.0, 6.0) / young_kpa[layer];
+        [0.0, 0.0, stress * (share(0) + share(1))]
+    };
+    let exact: Vec<[f64; 3]> = problem.mesh.nodes().iter().map(exact).collect();
+    record.under(
+        format!("bar of two materials, {:.0e} on {:.0e} kPa", young_kpa[1], young_kpa[0]),
+        relative(found.as_flattened(), exact.as_flattened()),
+        ROUNDING_UNITS * f64::EPSILON * problem.condition()?,
+    );
+    Ok(())
+}

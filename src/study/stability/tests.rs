@@ -1,0 +1,136 @@
+use super::record::{largest, relative};
+use super::*;
+
+/// A case that measures one figure under a limit of 1e-12.
+fn one(name: &'static str, run: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> Case {
+    Case {
+        name,
+        criterion: "under 1e-12",
+        covers: &["cpu f64"],
+        seed: 5,
+        run,
+    }
+}
+
+fn report(case: &Case) -> Report {
+    run(&[("Group", case)], Effort::Quick, |_, _| {})
+}
+
+#[test]
+fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
+    let good = report(&one("good", |record| {
+        record.under("error", 1e-13, 1e-12);
+        record.report("size", 1e9);
+        Ok(())
+    }));
+    assert!(good.holds() && good.failed() == 0);
+    assert_eq!(good.cases[0].worst().unwrap().margin(), Some(10.0));
+    let bad: [fn(&mut Record<'_>) -> Result<(), Unexpected>; 7] = [
+        |record| {
+            record.under("error", 1.1e-12, 1e-12);
+            Ok(())
+        },
+        |record| {
+            record.under("error", f64::NAN, 1e-12);
+            Ok(())
+        },
+        |record| {
+            record.under("error", f64::NEG_INFINITY, 1e-12);
+            Ok(())
+        },
+        |record| {
+            record.report("size", f64::INFINITY);
+            Ok(())
+        },
+        |record| {
+            record.zero("wrong", f64::MIN_POSITIVE);
+            Ok(())
+        },
+        |_| Err("x".parse::<f64>().unwrap_err().into()),
+        |_| Ok(()),
+    ];
+    for run in bad {
+        let report = report(&one("bad", run));
+        assert!(!report.holds() && report.failed() == 1, "{report}");
+        assert!(
+            report.to_string().contains("FAILS") && report.markdown().contains("FAILS"),
+            "{report}"
+        );
+    }
+}
+
+#[test]
+fn a_refusal_must_be_the_one_expected() {
+    let expected = |error: &std::num::ParseIntError| *error.kind() == std::num::IntErrorKind::Empty;
+    for (text, holds) in [("", true), ("x", false), ("7", false)] {
+        let mut progress = |_| {};
+        let mut record = Record::new(Effort::Quick, 0, &mut progress);
+        record.refused("a number", text.parse::<i32>(), expected);
+        let measure = &record.into_measures()[0];
+        assert_eq!(measure.holds(), holds, "{measure:?}");
+        assert!(measure.note.is_some());
+    }
+}
+
+#[test]
+fn json_keeps_every_figure_and_says_what_is_no_number() {
+    let case = one("case", |record| {
+        record.under("error", 1.25e-13, 1e-12);
+        record.report("lost", f64::NAN);
+        Ok(())
+    });
+    let value = serde_json::to_value(report(&case)).unwrap();
+    let case = &value["cases"][0];
+    assert_eq!(
+        (&case["name"], &case["holds"], &case["seed"]),
+        (&"case".into(), &false.into(), &5.into())
+    );
+    assert_eq!(case["measures"][0]["figure"], 1.25e-13);
+    assert_eq!(case["measures"][0]["margin"], 8.0);
+    assert_eq!(
+        (&case["measures"][1]["figure"], &case["measures"][1]["holds"]),
+        (&"NaN".into(), &false.into())
+    );
+}
+
+#[test]
+fn progress_goes_from_nothing_to_all_and_names_the_case() {
+    let half: fn(&mut Record<'_>) -> Result<(), Unexpected> = |record| {
+        record.done(0.5);
+        record.zero("wrong", 0.0);
+        Ok(())
+    };
+    let (first, second) = (one("first", half), one("second", half));
+    let mut told = Vec::new();
+    run(&[("a", &first), ("a", &second)], Effort::Quick, |name, share| {
+        told.push((name.to_owned(), share))
+    });
+    let expected = [("first", 0.0), ("first", 0.25), ("second", 0.5), ("second", 0.75)];
+    assert_eq!(told, expected.map(|(name, share)| (name.to_owned(), share)));
+}
+
+#[test]
+fn names_are_distinct_and_found_by_a_part_of_them() {
+    let all = select(GROUPS, None);
+    for (at, (_, case)) in all.iter().enumerate() {
+        assert!(
+            all[..at]
+                .iter()
+                .all(|(_, other)| other.name != case.name && other.seed != case.seed),
+            "{}",
+            case.name
+        );
+    }
+    assert_eq!(select(GROUPS, Some("PATCH")).len(), 1);
+    assert_eq!(select(GROUPS, Some("elements, solvers")).len(), GROUPS[0].cases.len());
+    assert!(select(GROUPS, Some("no such case")).is_empty());
+}
+
+#[test]
+fn numbers_that_are_none_are_not_lost_in_a_maximum() {
+    assert!(largest([1.0, f64::NAN, 2.0]).is_nan());
+    assert_eq!(largest([1.0, -3.0]), 3.0);
+    assert_eq!(relative(&[0.0, 0.0], &[0.0, 0.0]), 0.0);
+    assert!(relative(&[f64::NAN], &[1.0]).is_nan());
+    assert!(!relative(&[1.0], &[0.0]).is_finite());
+}
