@@ -3,5 +3,6 @@
 mod accuracy;
 mod drift;
 mod insertion;
+mod running;
 mod sources;
 mod support;

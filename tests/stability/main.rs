@@ -7,7 +7,7 @@ use insonify::mechanics::tissue::factor::Factor;
 use insonify::mechanics::tissue::inverse::{invert, sampled_residual};
 use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::symmetric::Symmetric;
-use insonify::study::stability::{Case, Effort, GROUPS, Group, Record, Unexpected, run, select};
+use insonify::study::stability::{Case, Effort, GROUPS, Record, Unexpected, run, select};
 
 /// Runs a group; what does not hold is named with its figure, its limit and, where there is one, the error.
 fn check(name: &str) {
@@ -63,11 +63,7 @@ fn verdict(run_case: fn(&mut Record<'_>) -> Result<(), Unexpected>) -> (bool, St
         seed: 99,
         run: run_case,
     };
-    let group = Group {
-        name: "Seeded",
-        cases: &[case],
-    };
-    let report = run(&select(&[group], None), Effort::Quick, |_, _| {});
+    let report = run(&[("Seeded", &case)], Effort::Quick, |_, _| {});
     (report.holds(), report.to_string())
 }
 

@@ -2,7 +2,8 @@
 
 use insonify::mechanics::tissue::remesh::{Level, Options, Precision};
 
-use super::support::{condensed_error, contacts, error, follow, free_nodes, go, gold, mesh, rounding, single, source};
+use super::running::{condensed_error, follow, go, source};
+use super::support::{contacts, error, free_nodes, gold, mesh, rounding, single};
 
 /// What the project promises of the levels that update everything, in f64.
 const PROMISED: f64 = 1e-10;

@@ -2,7 +2,8 @@
 
 use insonify::mechanics::tissue::remesh::{Level, Options, Precision, State};
 
-use super::support::{condensed_error, follow, free_nodes, go, mesh, single, source};
+use super::running::{condensed_error, follow, go, source};
+use super::support::{free_nodes, mesh, single};
 
 /// The exact level is watched and mended, so however many remeshes, and however near to incompressible, it stays within what
 /// rounding does to a backward stable inverse.

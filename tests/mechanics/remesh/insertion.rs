@@ -11,7 +11,8 @@ use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Option
 use insonify::mechanics::tissue::switching::{ConstraintSolver, PIVOT_LIMIT, Pivots, Prescribed};
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
-use super::support::{condensed_error, contacts, dense, follow, free_nodes, go, gold, mesh, part, rounding, source};
+use super::running::{condensed_error, follow, go, source};
+use super::support::{contacts, dense, free_nodes, gold, mesh, part, rounding};
 
 /// The element that holds a point of the current mesh, and the coordinates there.
 fn locate(mesh: &AdaptedMesh, p: [f64; 3]) -> Option<u32> {

@@ -6,7 +6,8 @@ use insonify::mechanics::tissue::columns::Columns;
 use insonify::mechanics::tissue::factor::Factor;
 use insonify::mechanics::tissue::remesh::{Level, Options, Precision, RemeshError, Source};
 
-use super::support::{condensed_error, contacts, error, follow, free_nodes, go, gold, mesh, part, rounding, source};
+use super::running::{condensed_error, follow, go, source};
+use super::support::{contacts, error, free_nodes, gold, mesh, part, rounding};
 
 #[test]
 fn columns_on_demand_are_the_dense_inverse() {

@@ -8,7 +8,7 @@ use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::tissue::assembly::Stiffness;
 use insonify::mechanics::tissue::dofs::{Dofs, NONE};
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision, RemeshReport, Source};
+use insonify::mechanics::tissue::remesh::{AdaptedMesh, Source};
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
 /// Edges of the lattice cells, mm.
@@ -71,17 +71,12 @@ pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
     matrix
 }
 
-/// The gold standard of the base as a source in f64.
-pub fn source(mesh: &AdaptedMesh) -> Source {
-    Source::Double(Arc::new(symmetric(gold(mesh).as_ref())))
-}
-
 /// The same in f32.
 pub fn single(mesh: &AdaptedMesh) -> Source {
     Source::Single(Arc::new(symmetric(gold(mesh).as_ref()).cast()))
 }
 
-fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
+pub fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
     Symmetric::from_fn(matrix.nrows(), |i, j| matrix[(i, j)])
 }
 
@@ -128,30 +123,4 @@ pub fn rounding(mesh: &AdaptedMesh, gold: MatRef<'_, f64>) -> f64 {
     let stiffness = mesh.stiffness().at_nodes(mesh.nodes()).unwrap();
     let sums = gold.row_iter().map(|row| row.iter().map(|x| x.abs()).sum::<f64>());
     2.0 * f64::EPSILON * stiffness.norm_inf() * sums.fold(0.0, f64::max)
-}
-
-/// A mesh with its remesher, contacts named.
-pub fn follow(mesh: AdaptedMesh, source: Source, level: Level, precision: Precision, options: Options) -> Adaptation {
-    let contacts = contacts(&mesh);
-    let mut adaptation = Adaptation::new(mesh, source, level, precision, options).unwrap();
-    adaptation.parts().1.set_contacts(&contacts).unwrap();
-    adaptation
-}
-
-/// Makes the moves `from..to` of the sequence; the few that would spoil an element are left out.
-pub fn go(adaptation: &mut Adaptation, nodes: &[u32], from: u64, to: u64) -> Vec<RemeshReport> {
-    let moves = (from..to).filter_map(|n| {
-        let (node, position) = nth_move(adaptation.mesh(), nodes, n);
-        let fits = adaptation.mesh().assess(node, position).is_ok();
-        fits.then(|| adaptation.move_node(node, position).unwrap())
-    });
-    moves.collect()
-}
-
-/// The relative error of K^c, and what rounding may make of it.
-pub fn condensed_error(adaptation: &Adaptation) -> [f64; 2] {
-    let (gold, contacts) = (gold(adaptation.mesh()), adaptation.remesher().contacts());
-    let expected = part(gold.as_ref(), contacts, contacts);
-    let found = error(adaptation.remesher().condensed(), expected.as_ref());
-    [found, rounding(adaptation.mesh(), gold.as_ref())]
 }

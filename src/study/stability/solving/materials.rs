@@ -113,7 +113,7 @@ pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 limit,
             );
             let inverse: Symmetric<f64> = invert(&factor, |_, _| {})?;
-            let apart = |i: usize| (0..i).filter(move |j| i % 7 == 0 && j % 5 == 0);
+            let apart = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
             let pairs = (0..inverse.size()).flat_map(|i| apart(i).map(move |j| (i, j)));
             let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));
             record.zero(format!("asymmetry of the dense inverse, {what}"), largest(differences));
