@@ -39,6 +39,7 @@ pub mod rebase;
 mod report;
 #[cfg(test)]
 mod testing;
+mod watch;
 
 use faer::{Mat, MatRef};
 

@@ -31,12 +31,12 @@ use faer::{Mat, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
+use super::watch::Watch;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
 use contacts::Contacts;
 use held::Held;
 use update::Work;
-use watch::Watch;
 
 /// The exact condensed level. One thread; nothing is allocated while S does not outgrow what it was before.
 pub struct Exact {

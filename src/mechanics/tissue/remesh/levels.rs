@@ -17,7 +17,8 @@
 //! moves since as one change, at level I.
 //!
 //! Rounding adds up at level I, slowly in f64 and fast in f32, faster yet near incompressibility. The residual of sampled
-//! columns against the true stiffness is watched, and the inverse rebuilt where it passes a limit.
+//! columns against the true stiffness is watched, and the inverse rebuilt before it passes a limit: the nearer it comes, and
+//! the worse the condition of a change, the closer it is watched.
 
 mod inverse;
 mod store;
@@ -29,6 +30,7 @@ use faer::{Mat, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
+use super::watch::Watch;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
@@ -53,6 +55,7 @@ pub struct Following<S> {
     /// Changes since the inverse was current.
     stale: u64,
     rebuilds: u64,
+    watch: Watch,
 }
 
 impl<T: Entry> Levels<T> {
@@ -99,6 +102,7 @@ impl<S: Store> Following<S> {
             step: mesh.step(),
             stale: 0,
             rebuilds: 0,
+            watch: Watch::new(),
         };
         if !mesh.away().is_empty() {
             levels.refresh(mesh)?;
@@ -242,6 +246,9 @@ impl<S: Store> Remesher for Following<S> {
                 Ok(rebuilt) => {
                     report.rebuilt = Some(reason);
                     report.bytes_moved += rebuilt.bytes_moved;
+                    if matches!(reason, Rebuilt::Residual(_)) {
+                        report.rebuild_failed = self.is_lost(mesh, change, &mut report).unwrap_or(true);
+                    }
                 }
                 Err(_) => report.rebuild_failed = true,
             }

@@ -6,13 +6,13 @@ pub struct Options {
     /// A change is refused where the reciprocal condition of its capacitance matrix I + dK G is below this. An update then
     /// loses more than ten of sixteen digits; moves within the mesh's own limit stay far above.
     pub reciprocal_limit: f64,
-    /// Errors are sampled every so many changes (0: never); the exact level looks at every change at first and after a sample
-    /// that was off, and then ever less often up to this.
+    /// Errors are sampled at least every so many changes (0: never): at every change at first and after a sample that was off,
+    /// and then ever less often up to this.
     pub check_every: u64,
     /// Exact level: it is computed anew where the sampled backward error of C, or the relative error of K^c against C, is
     /// larger.
     pub exact_tolerance: f64,
-    /// Level I in f64: sampled residual beyond which the inverse is rebuilt. See
+    /// Level I in f64: the residual that is kept to. The inverse is rebuilt where a sample passes a tenth of it. See
     /// [`Remesher::residual`](super::Remesher::residual).
     pub residual_double: f64,
     /// The same in f32.

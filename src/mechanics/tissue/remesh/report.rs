@@ -33,7 +33,8 @@ pub struct RemeshReport {
     pub residual: Option<f64>,
     /// Why the compliance was computed anew, if it was.
     pub rebuilt: Option<Rebuilt>,
-    /// A rebuild was due and failed; the updated compliance is kept. Prepare a new base.
+    /// A rebuild was due and failed, and the updated compliance is kept; or it leaves a residual beyond the limit, as near
+    /// incompressibility, where one update loses more digits than the limit allows. Prepare a new base.
     pub rebuild_failed: bool,
     /// Bytes of the large matrices read and written.
     pub bytes_moved: usize,

@@ -5,8 +5,8 @@ use faer::prelude::{Reborrow, ReborrowMut};
 
 use super::Exact;
 use super::update::{product, symmetric_product};
-use super::watch::Watch;
 use crate::mechanics::tissue::remesh::grown::symmetrise;
+use crate::mechanics::tissue::remesh::watch::Watch;
 use crate::simd::{Kernel, vectorised};
 
 impl Exact {

@@ -7,31 +7,14 @@ use super::Exact;
 use super::update::product;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::report::{Rebuilt, RemeshReport};
+use crate::mechanics::tissue::remesh::watch::Watch;
 use crate::random::{hash3, seed_words};
-
-/// When the next sample is due.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Watch {
-    /// Updates since the last one.
-    updates: u64,
-    /// Updates between them: one after a sample that was off, and twice as many after each that was not.
-    interval: u64,
-}
-
-impl Watch {
-    pub fn new() -> Watch {
-        Watch {
-            updates: 0,
-            interval: 1,
-        }
-    }
-}
 
 impl Exact {
     /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
     pub(super) fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
-        self.watch.updates += 1;
-        if self.options.check_every == 0 || self.watch.updates < self.watch.interval {
+        let every = self.options.check_every;
+        if !self.watch.is_due(every) {
             return;
         }
         mesh.difference_into(&mut self.difference);
@@ -40,8 +23,7 @@ impl Exact {
         // A NaN is no small error.
         let tolerance = self.options.exact_tolerance;
         if backward <= tolerance && self.contacts_error() <= tolerance {
-            let interval = (2 * self.watch.interval).min(self.options.check_every);
-            self.watch = Watch { updates: 0, interval };
+            self.watch.relax(every);
             return;
         }
         self.watch = Watch::new();

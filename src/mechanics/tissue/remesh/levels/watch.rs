@@ -5,8 +5,15 @@ use faer::linalg::solvers::Llt;
 
 use super::{Following, Store};
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
+use crate::mechanics::tissue::remesh::watch::Watch;
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport};
 use crate::random::{hash3, seed_words};
+
+/// Of the limit, the sampled residual at which the inverse is rebuilt: a few columns are looked at, and others are worse.
+const REBUILD_AT: f64 = 0.1;
+
+/// Of the limit, the sampled residual below which the next sample may wait: what a few updates add is far less than the rest.
+const CALM: f64 = 1e-4;
 
 impl<S: Store> Following<S> {
     fn residual_limit(&self) -> f64 {
@@ -21,6 +28,41 @@ impl<S: Store> Following<S> {
         self.contacts.is_empty() || Llt::new(self.condensed.as_ref(), Side::Lower).is_ok()
     }
 
+    /// Whether the residual is to be sampled after a change of this reciprocal condition.
+    fn is_sample_due(&mut self, reciprocal_condition: f64) -> bool {
+        let every = self.options.check_every;
+        let is_due = self.watch.is_due(every);
+        // A change and the change back multiply rounding by the square of their condition.
+        let rounding = match self.inverse.store.precision() {
+            Precision::Single => f64::from(f32::EPSILON),
+            Precision::Double => f64::EPSILON,
+        };
+        let is_doubtful = rounding > self.residual_limit() * reciprocal_condition * reciprocal_condition;
+        is_due || (every > 0 && is_doubtful)
+    }
+
+    /// The residual of a column where the inverse has just changed most, of the contact that yields most, and of any other.
+    fn sample(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<f64, RemeshError> {
+        let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % self.inverse.store.size();
+        let own = change.support.first().map_or(any, |dof| *dof as usize);
+        let softer = |a: &usize, b: &usize| self.condensed[(*a, *a)].total_cmp(&self.condensed[(*b, *b)]);
+        let contact = (0..self.contacts.len()).max_by(softer);
+        let contact = contact.map_or(any, |at| self.contacts[at]);
+        self.inverse.residual(mesh, &[own, contact, any])
+    }
+
+    /// Whether the residual passes the limit all the same after a rebuild, as it does where one update loses as much.
+    pub(super) fn is_lost(
+        &mut self,
+        mesh: &AdaptedMesh,
+        change: &Change,
+        report: &mut RemeshReport,
+    ) -> Result<bool, RemeshError> {
+        let residual = self.sample(mesh, change)?;
+        report.residual = Some(residual);
+        Ok(residual.is_nan() || residual > REBUILD_AT * self.residual_limit())
+    }
+
     /// Looks at what a change has left behind, and says why the inverse must be rebuilt if it must.
     pub(super) fn due(
         &mut self,
@@ -28,16 +70,17 @@ impl<S: Store> Following<S> {
         change: &Change,
         report: &mut RemeshReport,
     ) -> Result<Option<Rebuilt>, RemeshError> {
-        let Options { check_every, .. } = self.options;
-        if self.level == Level::I && check_every > 0 && self.step.is_multiple_of(check_every) {
-            let size = self.inverse.store.size();
-            let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % size;
-            // One column where the inverse has just changed most, and one anywhere.
-            let own = change.support.first().map_or(any, |dof| *dof as usize);
-            let residual = self.inverse.residual(mesh, &[own, any])?;
+        if self.level == Level::I && self.is_sample_due(report.reciprocal_condition) {
+            let residual = self.sample(mesh, change)?;
             report.residual = Some(residual);
-            if residual.is_nan() || residual > self.residual_limit() {
+            let limit = self.residual_limit();
+            let calmer = std::mem::replace(&mut self.watch, Watch::new());
+            if residual.is_nan() || residual > REBUILD_AT * limit {
                 return Ok(Some(Rebuilt::Residual(residual)));
+            }
+            if residual < CALM * limit {
+                self.watch = calmer;
+                self.watch.relax(self.options.check_every);
             }
         }
         let partial = matches!(self.level, Level::II | Level::III);
