@@ -15,6 +15,7 @@ mod render;
 mod scene;
 mod schema;
 mod solve;
+mod stability;
 mod terminal;
 mod tradeoff;
 mod vtu;
@@ -35,6 +36,7 @@ Examples:
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
+  insonify stability --quick                       hard cases of the numerics, and whether they hold
   insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
   insonify doctor                                  what this machine can render on
 
@@ -58,6 +60,7 @@ enum Command {
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
     Solve(solve::Solve),
+    Stability(stability::Stability),
     Phantom(phantom::Phantom),
     Mesh(mesh::Mesh),
     Scene(scene::Scene),
@@ -77,6 +80,7 @@ impl Cli {
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),
             Command::Solve(solve) => solve.run(),
+            Command::Stability(stability) => stability.run(),
             Command::Phantom(phantom) => phantom.run(),
             Command::Mesh(mesh) => mesh.run(),
             Command::Scene(scene) => scene.run(),

@@ -18,7 +18,7 @@
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
 //! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
 //! | [`statics`] | static problems as a user writes them |
-//! | [`study`] | benchmarks, and what made a pixel |
+//! | [`study`] | benchmarks, hard cases, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
 //! # Axes and units

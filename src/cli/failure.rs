@@ -43,6 +43,14 @@ pub enum Failure {
         /// What the system said.
         cause: io::Error,
     },
+    /// Hard cases that do not hold; they have been shown.
+    #[error("{failed} of {cases} hard cases do not hold")]
+    Unstable {
+        /// How many do not.
+        failed: usize,
+        /// How many were run.
+        cases: usize,
+    },
     /// Standard output is full or closed other than by a reader that had enough.
     #[error("standard output cannot be written: {0}")]
     Output(io::Error),
@@ -62,7 +70,7 @@ impl Failure {
         match self {
             Self::Library(error) => error.exit_status(),
             Self::Usage { .. } => INPUT,
-            Self::Folder { .. } | Self::Output(_) => MACHINE,
+            Self::Folder { .. } | Self::Unstable { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -72,7 +80,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Folder { .. } | Self::Output(_) => None,
+            Self::Folder { .. } | Self::Unstable { .. } | Self::Output(_) => None,
         }
     }
 

@@ -10,5 +10,6 @@ mod mesh_make;
 mod meshes;
 mod reports;
 mod solve;
+mod stability;
 mod support;
 mod tradeoff;
