@@ -1,9 +1,8 @@
-//! Static solutions against closed forms, manufactured solutions and a dense solution assembled another way.
+//! Static solutions against closed forms and a dense solution assembled another way.
 
 mod bending;
 mod case;
 mod energy;
-mod manufactured;
 mod patch;
 mod random;
 mod reference;

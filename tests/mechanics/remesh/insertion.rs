@@ -84,24 +84,6 @@ fn insertion_is_followed_exactly_and_retraction_ends_where_it_began() {
 }
 
 #[test]
-fn neighbours_the_same_node_twice_and_all_corners_of_an_element() {
-    for level in [Level::I, Level::Exact] {
-        let mesh = mesh(0.45);
-        let source = source(&mesh);
-        let mut adaptation = follow(mesh, source, level, Precision::Double, Options::default());
-        let free = free_nodes(adaptation.mesh());
-        let all_free = |corners: &&[u32; 4]| corners.iter().all(|node| free.contains(node));
-        let corners = *adaptation.mesh().elements().iter().find(all_free).unwrap();
-        let moves = [corners[0], corners[1], corners[0], corners[2], corners[3], corners[1]];
-        for (n, node) in moves.into_iter().enumerate() {
-            go(&mut adaptation, &[node], n as u64, n as u64 + 1);
-            let [found, bound] = condensed_error(&adaptation);
-            assert!(found <= bound, "{level} after {n}: {found:e} > {bound:e}");
-        }
-    }
-}
-
-#[test]
 fn moves_that_spoil_the_mesh_are_refused_at_every_level_and_nothing_changes() {
     for level in [Level::I, Level::II, Level::III, Level::IV, Level::Exact] {
         let mesh = mesh(0.45);

@@ -123,35 +123,6 @@ fn both_ways_give_the_partitioned_solution() {
     }
 }
 
-#[test]
-fn ten_thousand_switches_leave_the_forces_of_a_fresh_factorisation() {
-    let condensed = tissue(20, 0.45);
-    let size = condensed.size();
-    let mut pivots = Pivots::new(&condensed, PIVOT_LIMIT).expect("a tableau");
-    let mut refused = 0;
-    for step in 0..10_000 {
-        let dof = (value(step, 0, 11).abs() * size as f64) as usize % size;
-        let to = match pivots.prescribed()[dof] {
-            Force => Displacement,
-            Displacement => Force,
-        };
-        refused += usize::from(pivots.switch(&[(dof, to)]).is_err());
-        if step % 100 == 99 {
-            let mut fresh = Refactorised::new(&condensed, PIVOT_LIMIT).expect("a system");
-            let prescribed = pivots.prescribed().to_vec();
-            fresh.replace(&condensed, &prescribed).expect("as accepted before");
-            let given = values(size, step as u32);
-            let [found, expected] = [pivots.solve(&given), fresh.solve(&given)].map(|x| x.expect("a solution"));
-            let errors = [
-                difference(&found.force_n, &expected.force_n),
-                difference(&found.displacement_mm, &expected.displacement_mm),
-            ];
-            assert!(errors.iter().all(|&error| error < 1e-9), "switch {step}: {errors:?}");
-        }
-    }
-    assert_eq!(refused, 0, "contacts spread over the block are independent");
-}
-
 /// Two contacts whose first axes have the correlation 1 - gap; all else is independent.
 fn pair(gap: f64) -> Condensed {
     made(2, move |i, j| match (i, j) {

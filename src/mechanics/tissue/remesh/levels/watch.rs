@@ -12,8 +12,8 @@ use crate::random::{hash3, seed_words};
 /// Of the limit, the sampled residual at which the inverse is rebuilt: a few columns are looked at, and others are worse.
 const REBUILD_AT: f64 = 0.1;
 
-/// Of the limit, the sampled residual below which the next sample may wait: what a few updates add is far less than the rest.
-const CALM: f64 = 1e-4;
+/// Of the limit, the sampled residual below which the next sample may wait: what a few updates add is less than the rest.
+const CALM: f64 = 1e-2;
 
 impl<S: Store> Following<S> {
     fn residual_limit(&self) -> f64 {
