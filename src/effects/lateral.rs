@@ -55,7 +55,7 @@ impl LateralKernel {
     }
 }
 
-/// Samples that [`LateralKernel::mean`] takes at most: what stays in registers and the first cache.
+/// Samples that the lateral mean takes at most: what stays in registers and the first cache.
 pub const BLOCK: usize = 64;
 
 impl LateralKernel {

@@ -1,6 +1,6 @@
 //! The dense inverse of the stiffness: solutions for unit forces, panel of rows by panel of rows.
 //!
-//! The sparse factor solves [`BLOCK`] unit forces together, in f64 whatever the precision of the result, and what is kept of
+//! The sparse factor solves a block of unit forces together, in f64 whatever the precision of the result, and what is kept of
 //! them is their part of the lower triangle. Panels go to the threads of the current rayon pool, each of which needs two
 //! blocks beside the result. Against LAPACK's dense factorisation and inversion this does less work (four operations an
 //! entry of L and a column, instead of one an entry of the dense triangle), and it never holds a second dense matrix.
