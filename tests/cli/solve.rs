@@ -83,7 +83,10 @@ fn a_problem_is_solved() {
     for (axis, &written) in written[4].iter().enumerate() {
         // Numbers in JSON are read to within a rounding unit.
         let told = moved[0][axis].as_f64().unwrap();
-        assert!((told - written).abs() <= f64::EPSILON * written.abs(), "{told} {written}");
+        assert!(
+            (told - written).abs() <= f64::EPSILON * written.abs(),
+            "{told} {written}"
+        );
     }
 
     let table = bench.run("solve p.toml");
