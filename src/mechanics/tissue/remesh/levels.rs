@@ -21,6 +21,7 @@
 //! the worse the condition of a change, the closer it is watched.
 
 mod inverse;
+mod rebuild;
 mod store;
 mod watch;
 
@@ -124,30 +125,6 @@ impl<S: Store> Following<S> {
     fn read_condensed(&mut self) -> Result<(), RemeshError> {
         self.condensed = self.inverse.store.entries(&self.contacts, &self.contacts)?;
         Ok(())
-    }
-
-    /// Rebuilds the inverse; the reciprocal condition of what was solved for it.
-    fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
-        let limit = self.options.reciprocal_limit;
-        let condition = self.inverse.rebuild(mesh, limit)?;
-        condition.map_err(|reciprocal_condition| RemeshError::FarFromBase {
-            reciprocal_condition,
-            limit,
-        })
-    }
-
-    fn rebuilt(&self, mesh: &AdaptedMesh, condition: f64, reason: Rebuilt) -> RemeshReport {
-        let rank = mesh.support().count();
-        RemeshReport {
-            level: self.level,
-            rank,
-            held: 0,
-            reciprocal_condition: condition,
-            residual: None,
-            rebuilt: Some(reason),
-            rebuild_failed: false,
-            bytes_moved: 3 * self.inverse.store.bytes() + self.inverse.columns_bytes(rank),
-        }
     }
 }
 

@@ -5,6 +5,8 @@ use crate::mechanics::tissue::remesh::testing::{
 };
 use crate::mechanics::tissue::testing::value;
 
+mod watch;
+
 /// A remesher at the base of a mesh, with contacts at some nodes.
 fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: Options) -> Exact {
     let mut exact = Exact::new(mesh, Box::new(inverse(mesh)), Precision::Double, options).expect("a remesher");
@@ -176,53 +178,6 @@ fn a_near_singular_capacitance_is_refused_and_changes_nothing() {
 }
 
 #[test]
-fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
-    let mut mesh = adapted(0.45);
-    let inner = inner_nodes(&mesh);
-    let spoil: [fn(&mut Exact); 2] = [
-        |exact| exact.held.c.get_mut()[(3, 3)] *= 1.0 + 1e-6,
-        |exact| exact.contacts.condensed[(1, 1)] *= 1.0 + 1e-6,
-    ];
-    for (salt, spoil) in spoil.into_iter().enumerate() {
-        let mut exact = exact(&mesh, &inner[..2], Options::default());
-        let report = go(&mut mesh, &mut exact, inner[0], 20 + salt as u32);
-        assert!(report.residual.is_some_and(|residual| residual < 1e-10), "{report:?}");
-        spoil(&mut exact);
-        // The second sample comes two updates after the first.
-        assert_eq!(go(&mut mesh, &mut exact, inner[1], 1).residual, None);
-        let report = go(&mut mesh, &mut exact, inner[1], 2);
-        assert!(
-            matches!(report.rebuilt, Some(Rebuilt::Residual(_))),
-            "{salt}: {report:?}"
-        );
-        assert_eq!(exact.rebuilds(), 1);
-        check(&mesh, &mut exact);
-        while mesh.undo().expect("back").is_some() {}
-    }
-}
-
-#[test]
-fn samples_become_rarer_while_they_are_good() {
-    let mut mesh = adapted(0.45);
-    let inner = inner_nodes(&mesh);
-    let mut exact = exact(
-        &mesh,
-        &inner[..2],
-        Options {
-            check_every: 4,
-            ..Options::default()
-        },
-    );
-    let sampled: Vec<bool> = (0..16)
-        .map(|n| go(&mut mesh, &mut exact, inner[n % 3], n as u32).residual.is_some())
-        .collect();
-    let expected = [1, 3, 7, 11, 15].map(|update| update - 1);
-    for (n, sampled) in sampled.into_iter().enumerate() {
-        assert_eq!(sampled, expected.contains(&n), "{n}");
-    }
-}
-
-#[test]
 fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
@@ -274,38 +229,6 @@ fn displacements_are_those_of_the_moved_mesh_and_come_from_forces_on_the_base() 
         ));
         assert!(exact.base_forces(forces, &mut short).is_err());
     }
-}
-
-#[test]
-fn the_residual_is_that_of_the_whole_mesh() {
-    let mut mesh = adapted(0.45);
-    let inner = inner_nodes(&mesh);
-    let mut exact = exact(
-        &mesh,
-        &inner[..1],
-        Options {
-            check_every: 0,
-            ..Options::default()
-        },
-    );
-    let report = go(&mut mesh, &mut exact, inner[0], 1);
-    assert_eq!(report.residual, None);
-    let dofs = dofs_of(&mesh, &inner[..2]);
-    assert!(exact.residual(&mesh, &dofs).expect("a residual") < 1e-11);
-    // An error e in one entry of C leaves a force e G[., dof] on that row.
-    let error = 1e-3 * exact.correction()[(3, 3)];
-    exact.held.c.get_mut()[(3, 3)] += error;
-    let row = exact.held()[3];
-    let found = exact.residual(&mesh, &[row]).expect("a residual");
-    let size = mesh.dofs().free();
-    let at = exact.held.g.get()[(3, 3)];
-    let amplified = 1.0 + size as f64 * mesh.stiffness().norm_inf() * exact.held.g.get().norm_max();
-    assert!(
-        found >= 1e-3 * error.abs() * at && found <= error.abs() * at * amplified,
-        "{found}"
-    );
-    let wrong = ComplianceError::OutOfRange { dof: size, size };
-    assert_eq!(exact.residual(&mesh, &[size]), Err(RemeshError::Compliance(wrong)));
 }
 
 #[test]

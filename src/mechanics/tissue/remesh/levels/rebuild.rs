@@ -1,0 +1,32 @@
+//! The inverse from its base, all moves taken as one change.
+
+use super::{Following, Store};
+use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
+use crate::mechanics::tissue::remesh::{Rebuilt, RemeshError, RemeshReport};
+
+impl<S: Store> Following<S> {
+    /// Rebuilds the inverse; the reciprocal condition of what was solved for it.
+    pub(super) fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
+        let limit = self.options.reciprocal_limit;
+        let condition = self.inverse.rebuild(mesh, limit)?;
+        condition.map_err(|reciprocal_condition| RemeshError::FarFromBase {
+            reciprocal_condition,
+            limit,
+        })
+    }
+
+    /// What a rebuild did.
+    pub(super) fn rebuilt(&self, mesh: &AdaptedMesh, condition: f64, reason: Rebuilt) -> RemeshReport {
+        let rank = mesh.support().count();
+        RemeshReport {
+            level: self.level,
+            rank,
+            held: 0,
+            reciprocal_condition: condition,
+            residual: None,
+            rebuilt: Some(reason),
+            rebuild_failed: false,
+            bytes_moved: 3 * self.inverse.store.bytes() + self.inverse.columns_bytes(rank),
+        }
+    }
+}
