@@ -270,8 +270,11 @@ impl Contender for Follower {
         match self {
             Follower::Cpu(_) => Ok(false),
             Follower::Device(levels) => {
-                levels.store().time_updates(true)?;
-                Ok(levels.store().gpu().has_timestamps())
+                // The clock of a software device says no more than the one on the wall.
+                let gpu = levels.store().gpu();
+                let can = gpu.has_timestamps() && !gpu.report().software;
+                levels.store().time_updates(can)?;
+                Ok(can)
             }
         }
     }

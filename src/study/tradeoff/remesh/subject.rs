@@ -101,8 +101,8 @@ impl Subject {
         let [entry, rest] = LINE.map(|share| place(mesh, share));
         let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
         let track = track(mesh, adapted.clone(), [entry, rest], &around, options.moves)?;
-        let step = track.len().div_ceil(CONTACTS - around.len()).max(1);
-        let touched = track.iter().map(|(node, _)| *node).step_by(step);
+        let with_needle = track.len().min(CONTACTS - around.len());
+        let touched = (0..with_needle).map(|k| track[k * track.len() / with_needle].0);
         let nodes: Vec<u32> = around.iter().copied().chain(touched).collect();
         let contacts = nodes
             .iter()
