@@ -10,11 +10,17 @@ use crate::mechanics::tissue::remesh::report::{Rebuilt, RemeshReport};
 use crate::mechanics::tissue::remesh::watch::Watch;
 use crate::random::{hash3, seed_words};
 
+/// Rounding that a change may amplify to more than this calls for a sample at once: a tenth of what K^c is promised to.
+const AMPLIFIED: f64 = 1e-11;
+
 impl Exact {
     /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
     pub(super) fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
         let every = self.options.check_every;
-        if !self.watch.is_due(every) {
+        // A change and the change back multiply rounding by the square of their condition.
+        let amplified = f64::EPSILON / (report.reciprocal_condition * report.reciprocal_condition);
+        let is_doubtful = every > 0 && amplified > AMPLIFIED;
+        if !self.watch.is_due(every) && !is_doubtful {
             return;
         }
         mesh.difference_into(&mut self.difference);
