@@ -1,4 +1,6 @@
 //! Mechanics in f64: tetrahedral meshes, point location, and tissue that deforms.
 
+pub mod insertion;
 pub mod mesh;
+pub mod needle;
 pub mod tissue;

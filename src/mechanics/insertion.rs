@@ -1,0 +1,122 @@
+//! Needle insertion: instruments move, tissue yields, forces come back.
+//!
+//! A [`Model`] takes the poses of needle and probe step by step and answers with forces, and with the tissue as it is now. Behind
+//! it is a finite element model or a mass-spring model; both hand the same things to image and hand.
+
+mod outcome;
+
+use nalgebra::{Isometry3, Point3};
+
+use super::needle::CentreLine;
+pub use outcome::{Event, EventKind, Outcome, Wrench};
+
+/// Where the instruments are: what a step reads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instruments {
+    /// Base frame of the needle to world (see [`needle`](super::needle)).
+    pub base: Isometry3<f64>,
+    /// Probe frame to world, if a probe presses.
+    pub probe: Option<Isometry3<f64>>,
+    /// Leaves a seed at the tip at the end of this step.
+    pub deposit: bool,
+}
+
+/// Why a step cannot be made. The model is then as before.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StepError {
+    /// A pose or time that is not finite, or a time that is not above 0.
+    #[error("{what} of a step is {found}; expected {expected}")]
+    Input {
+        /// Which value.
+        what: &'static str,
+        /// As given.
+        found: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// A saved state of another model.
+    #[error("the saved state is of another model: {0}")]
+    Foreign(String),
+}
+
+/// The tissue as it is now: what an image is made from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tissue {
+    /// Nodes in the reference state, mm. Remeshing moves them.
+    pub reference: Vec<[f64; 3]>,
+    /// Nodes now, mm.
+    pub current: Vec<[f64; 3]>,
+}
+
+/// What the image thread needs to compute [`Tissue`] by itself: small, so that it can be handed over at every step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Snapshot {
+    /// Steps made.
+    pub step: u64,
+    /// Simulated time, s.
+    pub time_s: f64,
+    /// The shaft, base first.
+    pub line: CentreLine,
+    /// Seeds left in the tissue: their places in the reference state, mm.
+    pub seeds: Vec<Point3<f64>>,
+    /// Nodes that remeshing has moved, and where in the reference state they are now (mm).
+    pub moved: Vec<(u32, [f64; 3])>,
+    /// How the nodes are displaced.
+    pub field: Field,
+}
+
+/// Displacements of the nodes, or what they follow from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Field {
+    /// Forces (N) by degree of freedom on the base mesh: one solve with the factor of its stiffness gives the displacements.
+    BaseForces(Vec<(u32, f64)>),
+    /// Displacement of each node, mm.
+    Displacement(Vec<[f64; 3]>),
+}
+
+impl Default for Field {
+    fn default() -> Self {
+        Field::BaseForces(Vec::new())
+    }
+}
+
+/// Turns snapshots into tissue, on any thread.
+pub trait Imager: Send {
+    /// Elements of the mesh, four nodes each. They never change.
+    fn elements(&self) -> &[[u32; 4]];
+
+    /// Writes where the nodes are.
+    fn tissue(&mut self, snapshot: &Snapshot, into: &mut Tissue);
+}
+
+/// Everything that a step depends on but the instruments: put back, the same steps give the same bits.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Saved(pub serde_json::Value);
+
+/// A model of tissue with a needle in it, and perhaps a probe beside it.
+pub trait Model: Send {
+    /// Makes one step of `dt_s` seconds to where the instruments are now. However far they have come, no element is passed
+    /// unseen; what could not be resolved is told in the outcome.
+    ///
+    /// # Errors
+    /// [`StepError::Input`].
+    fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError>;
+
+    /// The last outcome.
+    fn outcome(&self) -> &Outcome;
+
+    /// Writes what the image needs, reusing the memory of `into`.
+    fn snapshot(&mut self, into: &mut Snapshot);
+
+    /// What turns snapshots into tissue, for another thread.
+    fn imager(&self) -> Box<dyn Imager>;
+
+    /// The state. Saving may settle rounding: a model goes on from a saved state as one does that it is restored to.
+    fn save(&mut self) -> Saved;
+
+    /// Goes back to a saved state.
+    ///
+    /// # Errors
+    /// [`StepError::Foreign`]; the model is then as before.
+    fn restore(&mut self, saved: &Saved) -> Result<(), StepError>;
+}
