@@ -3,12 +3,16 @@
 //! A [`Model`] takes the poses of needle and probe step by step and answers with forces, and with the tissue as it is now. Behind
 //! it is a finite element model or a mass-spring model; both hand the same things to image and hand.
 
+mod interaction;
 mod outcome;
+mod probe;
 
 use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;
+pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
+pub use probe::ProbeContact;
 
 /// Where the instruments are: what a step reads.
 #[derive(Clone, Copy, Debug, PartialEq)]

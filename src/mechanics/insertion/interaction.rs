@@ -1,0 +1,151 @@
+//! What a tissue does to a needle in it.
+
+/// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
+/// density (peak, width, shaft) of the ultrasound motion estimation paper, section "Needle shaft force distribution". The
+/// shaft density is [`Interaction::friction_n_per_mm`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Peak {
+    /// Force per length within `width_mm` of the tip while the needle advances, N/mm (0 or more).
+    pub density_n_per_mm: f64,
+    /// mm (above 0).
+    pub width_mm: f64,
+}
+
+/// Bone: a penalty force grows with the depth that the tip is pushed into it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bone {
+    /// Force for each mm, N/mm (above 0).
+    pub stiffness_n_per_mm: f64,
+    /// The depth that the tip comes to at most, mm (above 0): from there on the needle stays behind the hand.
+    pub penetration_mm: f64,
+}
+
+/// How a needle and one tissue act on each other (haptic simulator paper, section III-A).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interaction {
+    /// Sliding friction for each length of shaft, N/mm (0 or more).
+    pub friction_n_per_mm: f64,
+    /// Static over sliding friction (1 or more).
+    pub static_ratio: f64,
+    /// Force that cuts the tissue at the advancing tip, N (0 or more).
+    pub cutting_n: f64,
+    /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, tissue is pushed ahead
+    /// until it is reached.
+    pub puncture_n: f64,
+    /// More force near the advancing tip.
+    pub peak: Option<Peak>,
+    /// The tissue is bone.
+    pub bone: Option<Bone>,
+}
+
+impl Default for Interaction {
+    /// Slides without friction, cuts without force.
+    fn default() -> Self {
+        Interaction {
+            friction_n_per_mm: 0.0,
+            static_ratio: 1.0,
+            cutting_n: 0.0,
+            puncture_n: 0.0,
+            peak: None,
+            bone: None,
+        }
+    }
+}
+
+/// A number outside its range.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("`{key}` is {found}; expected {expected}")]
+pub struct InvalidInteraction {
+    /// The field.
+    pub key: &'static str,
+    /// As given.
+    pub found: f64,
+    /// Its range.
+    pub expected: &'static str,
+}
+
+impl Interaction {
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`InvalidInteraction`].
+    pub fn check(&self) -> Result<(), InvalidInteraction> {
+        let (negative, zero, ratio) = (
+            "a finite number of 0 or more",
+            "a finite number above 0",
+            "a finite number of 1 or more",
+        );
+        let check = |key, found: f64, holds: bool, expected| {
+            if found.is_finite() && holds {
+                Ok(())
+            } else {
+                Err(InvalidInteraction { key, found, expected })
+            }
+        };
+        for (key, found) in [
+            ("friction_n_per_mm", self.friction_n_per_mm),
+            ("cutting_n", self.cutting_n),
+            ("puncture_n", self.puncture_n),
+        ] {
+            check(key, found, found >= 0.0, negative)?;
+        }
+        check("static_ratio", self.static_ratio, self.static_ratio >= 1.0, ratio)?;
+        if let Some(peak) = &self.peak {
+            let density = peak.density_n_per_mm;
+            check("density_n_per_mm", density, density >= 0.0, negative)?;
+            check("width_mm", peak.width_mm, peak.width_mm > 0.0, zero)?;
+        }
+        if let Some(bone) = &self.bone {
+            let stiffness = bone.stiffness_n_per_mm;
+            check("stiffness_n_per_mm", stiffness, stiffness > 0.0, zero)?;
+            check("penetration_mm", bone.penetration_mm, bone.penetration_mm > 0.0, zero)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_out_of_range_are_named() {
+        assert_eq!(Interaction::default().check(), Ok(()));
+        type Spoil = fn(&mut Interaction);
+        let spoils: [(&str, Spoil); 8] = [
+            ("friction_n_per_mm", |it| it.friction_n_per_mm = -0.1),
+            ("static_ratio", |it| it.static_ratio = 0.99),
+            ("cutting_n", |it| it.cutting_n = f64::NAN),
+            ("puncture_n", |it| it.puncture_n = f64::INFINITY),
+            ("density_n_per_mm", |it| {
+                it.peak = Some(Peak {
+                    density_n_per_mm: -1.0,
+                    width_mm: 1.0,
+                })
+            }),
+            ("width_mm", |it| {
+                it.peak = Some(Peak {
+                    density_n_per_mm: 1.0,
+                    width_mm: 0.0,
+                })
+            }),
+            ("stiffness_n_per_mm", |it| {
+                it.bone = Some(Bone {
+                    stiffness_n_per_mm: 0.0,
+                    penetration_mm: 1.0,
+                })
+            }),
+            ("penetration_mm", |it| {
+                it.bone = Some(Bone {
+                    stiffness_n_per_mm: 1.0,
+                    penetration_mm: -1.0,
+                })
+            }),
+        ];
+        for (key, spoil) in spoils {
+            let mut interaction = Interaction::default();
+            spoil(&mut interaction);
+            assert_eq!(interaction.check().map_err(|error| error.key), Err(key));
+        }
+    }
+}
