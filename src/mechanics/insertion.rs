@@ -3,6 +3,7 @@
 //! A [`Model`] takes the poses of needle and probe step by step and answers with forces, and with the tissue as it is now. Behind
 //! it is a finite element model or a mass-spring model; both hand the same things to image and hand.
 
+pub mod finite;
 mod interaction;
 mod outcome;
 mod probe;
@@ -50,6 +51,8 @@ pub struct Tissue {
     pub reference: Vec<[f64; 3]>,
     /// Nodes now, mm.
     pub current: Vec<[f64; 3]>,
+    /// Elements that are inverted now: tissue is crushed there.
+    pub inverted: usize,
 }
 
 /// What the image thread needs to compute [`Tissue`] by itself: small, so that it can be handed over at every step.

@@ -61,6 +61,18 @@ pub struct Outcome {
     pub events: Vec<Event>,
 }
 
+impl Outcome {
+    /// Forgets what the last step counted and found.
+    pub(super) fn begin(&mut self) {
+        self.remeshes = 0;
+        self.substeps = 0;
+        self.iterations = 0;
+        self.converged = true;
+        self.crushed = 0;
+        self.events.clear();
+    }
+}
+
 /// Something that happened in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {

@@ -41,7 +41,7 @@ mod report;
 mod testing;
 mod watch;
 
-use faer::{Mat, MatRef};
+use faer::{Mat, MatMut, MatRef};
 
 pub use adaptation::Adaptation;
 pub use adapted::{AdaptedMesh, Change, RefusedMove};
@@ -187,6 +187,31 @@ pub trait Remesher: Send {
     /// [`RemeshError::Compliance`].
     fn displacement_refined(&mut self, mesh: &AdaptedMesh, forces: &[f64], out: &mut [f64])
     -> Result<f64, RemeshError>;
+
+    /// Forces (degree of freedom, N) that displace the whole mesh through the [carrier](Self::carrier_into) as `forces` on the
+    /// contacts do: first those on the contacts in their order, then what makes up for moved nodes. One may be named twice; their
+    /// forces then add up.
+    ///
+    /// # Errors
+    /// [`RemeshError::Compliance`] where there is not one force a contact.
+    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError>;
+
+    /// Entries of the matrix that carried forces act through: the compliance of the base at the exact level, else the compliance
+    /// at hand.
+    ///
+    /// # Errors
+    /// [`RemeshError::Compliance`].
+    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), RemeshError>;
+
+    /// Whether the carrier is the compliance of the base: who has its factor can then compute displacements from the carried
+    /// forces elsewhere.
+    fn carries_on_base(&self) -> bool;
+
+    /// Makes columns of the carrier ready ahead of their use.
+    ///
+    /// # Errors
+    /// [`RemeshError::Compliance`].
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), RemeshError>;
 
     /// Bytes it holds, the base among them.
     fn memory(&self) -> usize;

@@ -27,7 +27,7 @@ mod whole;
 
 use std::fmt;
 
-use faer::{Mat, MatRef};
+use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
@@ -268,6 +268,22 @@ impl Remesher for Exact {
         out: &mut [f64],
     ) -> Result<f64, RemeshError> {
         self.whole_refined(mesh, forces, out).map_err(RemeshError::from)
+    }
+
+    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
+        self.carried(forces, out).map_err(RemeshError::from)
+    }
+
+    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), RemeshError> {
+        self.source.entries_into(rows, columns, out).map_err(RemeshError::from)
+    }
+
+    fn carries_on_base(&self) -> bool {
+        true
+    }
+
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
+        self.source.prefetch(dofs).map_err(RemeshError::from)
     }
 
     fn memory(&self) -> usize {

@@ -27,7 +27,7 @@ mod watch;
 
 use std::sync::Arc;
 
-use faer::{Mat, MatRef};
+use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
@@ -289,6 +289,26 @@ impl<S: Store> Remesher for Following<S> {
     ) -> Result<f64, RemeshError> {
         self.displacement(forces, out)?;
         self.inverse.refine(mesh, &self.contacts, forces, out)
+    }
+
+    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
+        check_shape("forces", forces.len(), self.contacts.len())?;
+        out.clear();
+        out.extend(self.contacts.iter().copied().zip(forces.iter().copied()));
+        Ok(())
+    }
+
+    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], mut out: MatMut<'_, f64>) -> Result<(), RemeshError> {
+        out.copy_from(&self.compliance(rows, columns)?);
+        Ok(())
+    }
+
+    fn carries_on_base(&self) -> bool {
+        false
+    }
+
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
+        check_dofs(dofs, self.inverse.store.size()).map_err(RemeshError::from)
     }
 
     fn memory(&self) -> usize {

@@ -1,5 +1,6 @@
 //! What the corrected compliance says beyond the contacts: other entries, and displacements of the whole mesh.
 
+use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef};
 
 use super::Exact;
@@ -15,17 +16,29 @@ impl Exact {
     ///
     /// # Errors
     /// [`ComplianceError::Shape`] where a slice has the wrong length.
-    pub fn base_forces(&self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
-        check_shape("forces", forces.len(), self.contacts.dofs().len())?;
+    pub fn base_forces(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
         check_shape("forces on the base", out.len(), self.source.size())?;
-        let forces = MatRef::from_column_major_slice(forces, forces.len(), 1);
-        let mut across = Mat::zeros(self.held.len(), 1);
-        product(across.as_mut(), Accum::Replace, self.held.b.get(), forces, 1.0);
         out.fill(0.0);
-        for (&dof, force) in self.contacts.dofs().iter().zip(forces.col(0).iter()) {
-            out[dof] = *force;
-        }
-        self.subtract_correction(across.as_ref(), out);
+        let mut carried = Vec::new();
+        self.carried(forces, &mut carried)?;
+        carried.iter().for_each(|(dof, force)| out[*dof] += force);
+        Ok(())
+    }
+
+    /// The same as a list: the contacts, then S.
+    pub(super) fn carried(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), ComplianceError> {
+        check_shape("forces", forces.len(), self.contacts.dofs().len())?;
+        let Exact {
+            held, contacts, work, ..
+        } = self;
+        let forces = MatRef::from_column_major_slice(forces, forces.len(), 1);
+        let mut across = work.x.shape(held.len(), 2);
+        let (mut across, mut corrected) = across.rb_mut().split_at_col_mut(1);
+        product(across.rb_mut(), Accum::Replace, held.b.get(), forces, 1.0);
+        product(corrected.rb_mut(), Accum::Replace, held.c.get(), across.rb(), -1.0);
+        out.clear();
+        out.extend(contacts.dofs().iter().copied().zip(forces.col(0).iter().copied()));
+        out.extend(held.dofs().iter().copied().zip(corrected.rb().col(0).iter().copied()));
         Ok(())
     }
 

@@ -1,0 +1,258 @@
+//! Insertion into tissue of finite elements: contacts with stick and slip, remeshing at the tip, a probe that presses
+//! (haptic simulator paper, sections III to V).
+
+mod contact;
+mod friction;
+mod imager;
+mod joint;
+mod nearby;
+mod part;
+mod place;
+mod press;
+mod saved;
+mod setup;
+mod spd;
+#[cfg(test)]
+mod tests;
+mod tip;
+
+use std::sync::Arc;
+
+use faer::Mat;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::{Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use crate::mechanics::mesh::{Locator, TetMesh};
+use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::remesh::Adaptation;
+use contact::Contact;
+use friction::Interactions;
+use imager::FiniteImager;
+use joint::Joint;
+use nearby::Nearby;
+use press::Press;
+pub use setup::{InvalidSetup, Options, Setup};
+use tip::Tip;
+
+/// Finite elements with a needle in them.
+pub struct Finite {
+    mesh: Arc<TetMesh>,
+    locator: Locator<f64>,
+    factor: Arc<Factor>,
+    adaptation: Adaptation,
+    interactions: Interactions,
+    needle: Box<dyn Needle>,
+    press: Option<Press>,
+    options: Options,
+
+    steps: u64,
+    time_s: f64,
+    /// Where the hand had the base at the end of the last step.
+    base: Option<Isometry3<f64>>,
+    line: CentreLine,
+    entry: Option<Entry>,
+    contacts: Vec<Contact>,
+    /// On the tissue at each contact, N.
+    forces: Vec<Vector3<f64>>,
+    tip: Tip,
+    seeds: Vec<Point3<f64>>,
+    outcome: Outcome,
+
+    joint: Joint,
+    /// Changes with the contacts or the mesh.
+    version: u64,
+    /// Of the compliance that the joint has taken in.
+    condensed: Option<u64>,
+    nearby: Nearby,
+    carried: Vec<(usize, f64)>,
+    /// Of the needle, across the shaft at the contacts.
+    flexibility: Mat<f64>,
+    memory: Memory,
+}
+
+/// Kept from step to step so that nothing is allocated.
+#[derive(Debug, Default)]
+struct Memory {
+    starts: Vec<f64>,
+    loads: Vec<Load>,
+    rows: Vec<Row>,
+    before: CentreLine,
+    contact_forces: Vec<f64>,
+    dofs: Vec<usize>,
+}
+
+impl Finite {
+    /// The tissue at rest, no instrument near.
+    ///
+    /// # Errors
+    /// [`InvalidSetup`].
+    pub fn new(setup: Setup, progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
+        setup.build(progress)
+    }
+
+    /// The mesh at rest.
+    pub fn mesh(&self) -> &Arc<TetMesh> {
+        &self.mesh
+    }
+
+    /// The mesh and its remesher.
+    pub fn adaptation(&self) -> &Adaptation {
+        &self.adaptation
+    }
+
+    /// Free degrees of freedom around moved nodes (|S|): what an exact remesh costs grows with it.
+    pub fn held(&self) -> usize {
+        self.adaptation.mesh().support().count()
+    }
+
+    /// Nodes on the needle, base first: node, arc from the base (mm), and the force on the tissue (N, world axes).
+    pub fn contact_forces(&self) -> impl Iterator<Item = (u32, f64, Vector3<f64>)> + '_ {
+        let pairs = self.contacts.iter().zip(&self.forces);
+        pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
+    }
+
+    /// Computes ahead what remeshing along a straight path will read: a path of `length_mm` from `from` along `direction`. Without a
+    /// dense inverse each node in its way otherwise costs some milliseconds when the tip comes near.
+    pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64) {
+        self.fetch_along(from, direction, length_mm);
+    }
+
+    fn note(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.time_s,
+            at_mm,
+            region,
+        });
+    }
+
+    /// Forces by degree of freedom on all contacts: those of the probe, then those of the needle.
+    fn carry(&mut self) {
+        let forces = &mut self.memory.contact_forces;
+        forces.clear();
+        let probes = self.press.as_ref().map_or(0, |press| press.nodes().len());
+        forces.resize(3 * probes, 0.0);
+        for (row, force) in self.joint.probe_forces(&self.forces) {
+            for axis in 0..3 {
+                forces[3 * row.contact + axis] += force * row.direction[axis];
+            }
+        }
+        forces.extend(self.forces.iter().flat_map(|force| [force.x, force.y, force.z]));
+        if self
+            .adaptation
+            .parts()
+            .1
+            .carried_forces(forces, &mut self.carried)
+            .is_err()
+        {
+            unreachable!("one force a contact");
+        }
+    }
+
+    fn conclude(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
+        let about = Point3::from(base.translation.vector);
+        let mut on_hand = Wrench::default();
+        for (at, force) in self.forces.iter().enumerate() {
+            let place = self.contacts[at].reference + self.joint.displacement(at);
+            on_hand.add(-force, &place, &about);
+        }
+        let tip = self.line.tip();
+        on_hand.add(self.tip.bone_force(&self.line), &tip, &about);
+        let mut on_probe = None;
+        if let (Some(press), Some(probe)) = (&self.press, probe) {
+            let mut wrench = Wrench::default();
+            let about = Point3::from(probe.translation.vector);
+            for (row, force) in self.joint.probe_forces(&self.forces) {
+                wrench.add(-row.direction * force, &press.place(row.contact), &about);
+            }
+            on_probe = Some(wrench);
+        }
+        self.needle
+            .place(base, self.entry.as_ref(), &[], &mut self.memory.before);
+        let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
+        let outcome = &mut self.outcome;
+        outcome.on_hand = on_hand;
+        outcome.on_probe = on_probe;
+        outcome.tip_mm = tip;
+        outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
+        outcome.inserted_mm = (self.line.length_mm() - first).max(0.0);
+        outcome.contacts = self.contacts.len();
+        outcome.stuck = self
+            .contacts
+            .iter()
+            .filter(|contact| contact.state == contact::State::Stuck)
+            .count();
+        outcome.probe_contacts = self.press.as_ref().map_or(0, Press::touching);
+    }
+}
+
+/// A value of a step, checked.
+fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
+    match values.into_iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(found) => Err(StepError::Input {
+            what,
+            found,
+            expected: "finite numbers",
+        }),
+    }
+}
+
+/// All numbers of a pose.
+fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
+    pose.to_homogeneous().data.0.into_iter().flatten()
+}
+
+impl Model for Finite {
+    fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
+        finite("the pose of the needle's base", numbers(&instruments.base))?;
+        if let Some(probe) = &instruments.probe {
+            finite("the pose of the probe", numbers(probe))?;
+        }
+        if !(dt_s.is_finite() && dt_s > 0.0) {
+            return Err(StepError::Input {
+                what: "the time",
+                found: dt_s,
+                expected: "a finite number of seconds above 0",
+            });
+        }
+        self.steps += 1;
+        self.time_s += dt_s;
+        self.outcome.begin();
+        self.travel(&instruments.base, instruments.probe.as_ref());
+        if instruments.deposit {
+            self.deposit();
+        }
+        self.conclude(&instruments.base, instruments.probe.as_ref());
+        if !self.outcome.converged {
+            self.note(EventKind::NotConverged, self.outcome.tip_mm, None);
+        }
+        Ok(&self.outcome)
+    }
+
+    fn outcome(&self) -> &Outcome {
+        &self.outcome
+    }
+
+    fn snapshot(&mut self, into: &mut Snapshot) {
+        self.write_snapshot(into);
+    }
+
+    fn imager(&self) -> Box<dyn Imager> {
+        let dofs = self.adaptation.mesh().dofs().clone();
+        Box::new(FiniteImager::new(
+            Arc::clone(&self.mesh),
+            Arc::clone(&self.factor),
+            dofs,
+        ))
+    }
+
+    fn save(&mut self) -> Saved {
+        self.save_state()
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
+        self.restore_state(saved)
+    }
+}

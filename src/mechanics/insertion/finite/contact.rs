@@ -1,0 +1,106 @@
+//! A node on the needle: where along the shaft, whether it sticks, and the friction of the tissue around it.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+/// What a contact does along the shaft.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) enum State {
+    /// Its place on the shaft is held.
+    Stuck,
+    /// Tissue is pushed along the shaft with all the friction there is: towards the tip (1.0) while the needle goes in, or back
+    /// (-1.0).
+    Slipping(f64),
+}
+
+/// A length of the path that the tip has cut behind a contact, in one region.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Layer {
+    pub region: i32,
+    /// mm.
+    pub length: f64,
+}
+
+/// A node on the needle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Contact {
+    pub node: u32,
+    /// Its place in the reference state, mm.
+    pub reference: Point3<f64>,
+    /// Its place along the shaft, mm from the base.
+    pub arc: f64,
+    pub state: State,
+    /// The force at the tip that the surface here withstands, N, while it is not broken.
+    pub surface: Option<f64>,
+    /// The region in front.
+    pub region: i32,
+    /// How its place along the shaft changed last, for each mm that the base went on.
+    pub drift: f64,
+    /// The path from here to the next contact, or to the tip.
+    pub layers: Vec<Layer>,
+    /// Sliding friction and cutting in this part of the step: the most force on the tissue towards the tip and back, N.
+    #[serde(skip)]
+    pub sliding: [f64; 2],
+    /// The same while it sticks.
+    #[serde(skip)]
+    pub holding: [f64; 2],
+}
+
+impl Contact {
+    /// The tip has gone on by a length (mm) in a region.
+    pub fn lengthen(&mut self, region: i32, length: f64) {
+        match self.layers.last_mut() {
+            Some(last) if last.region == region => last.length += length,
+            _ => self.layers.push(Layer { region, length }),
+        }
+    }
+
+    /// The tip has come back: no more than `length` (mm) of the path is in front.
+    pub fn shorten(&mut self, length: f64) {
+        let mut left = length.max(0.0);
+        self.layers.retain_mut(|layer| {
+            layer.length = layer.length.min(left);
+            left -= layer.length;
+            layer.length > 0.0
+        });
+    }
+
+    /// The most force of a kind: 0 towards the tip, 1 back.
+    pub fn limit(&self, direction: f64, of: [f64; 2]) -> f64 {
+        of[usize::from(direction < 0.0)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_grows_and_shrinks_by_region() {
+        let mut contact = Contact {
+            node: 0,
+            reference: Point3::origin(),
+            arc: 0.0,
+            state: State::Stuck,
+            surface: None,
+            region: 1,
+            drift: 0.0,
+            layers: Vec::new(),
+            sliding: [0.0; 2],
+            holding: [0.0; 2],
+        };
+        contact.lengthen(1, 2.0);
+        contact.lengthen(1, 1.0);
+        contact.lengthen(2, 4.0);
+        let layer = |region, length| Layer { region, length };
+        assert_eq!(contact.layers, [layer(1, 3.0), layer(2, 4.0)]);
+        contact.shorten(5.0);
+        assert_eq!(contact.layers, [layer(1, 3.0), layer(2, 2.0)]);
+        contact.shorten(9.0);
+        assert_eq!(contact.layers, [layer(1, 3.0), layer(2, 2.0)]);
+        contact.shorten(1.0);
+        assert_eq!(contact.layers, [layer(1, 1.0)]);
+        contact.shorten(-1.0);
+        assert_eq!(contact.layers, []);
+    }
+}

@@ -1,0 +1,165 @@
+//! The probe: which nodes touch it, and where it holds them.
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::joint::{Joint, ProbeRow};
+use crate::mechanics::insertion::ProbeContact;
+use crate::mechanics::tissue::remesh::Adaptation;
+
+/// A probe with its candidates. Nodes beside the cylinder are held where they were across its axis when the tissue was at rest,
+/// and slide along it without friction.
+#[derive(Debug)]
+pub(super) struct Press {
+    contact: ProbeContact,
+    /// Of the candidates in the probe frame when the tissue is at rest.
+    nominal: Vec<Point3<f64>>,
+    /// In the world, at rest.
+    rest: Vec<Point3<f64>>,
+    /// Where they are now.
+    places: Vec<Point3<f64>>,
+    rows: Vec<ProbeRow>,
+    touching: Vec<bool>,
+    /// Where the probe is.
+    pub pose: Option<Isometry3<f64>>,
+}
+
+impl Press {
+    pub fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> Press {
+        let rest: Vec<_> = contact
+            .candidates
+            .iter()
+            .map(|node| Point3::from(nodes[*node as usize]))
+            .collect();
+        Press {
+            nominal: rest
+                .iter()
+                .map(|place| contact.nominal.inverse_transform_point(place))
+                .collect(),
+            places: rest.clone(),
+            touching: vec![false; rest.len()],
+            rows: Vec::new(),
+            rest,
+            contact,
+            pose: None,
+        }
+    }
+
+    pub fn nodes(&self) -> &[u32] {
+        &self.contact.candidates
+    }
+
+    pub fn length_mm(&self) -> f64 {
+        self.contact.length_mm
+    }
+
+    pub fn rows(&self) -> &[ProbeRow] {
+        &self.rows
+    }
+
+    /// Nodes in contact.
+    pub fn touching(&self) -> usize {
+        self.rows.len() / 2
+    }
+
+    /// Which candidates are in contact.
+    pub fn touching_list(&self) -> &[bool] {
+        &self.touching
+    }
+
+    /// Puts the probe where it was, with the candidates that touched it.
+    pub fn put_back(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
+        self.pose = pose;
+        self.touching.copy_from_slice(touching);
+        let directions = pose.map(|pose| self.directions(&pose));
+        self.hold(directions);
+    }
+
+    fn directions(&self, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
+        let frame = self.frame(pose);
+        [frame.rotation * Vector3::x(), frame.rotation * Vector3::y()]
+    }
+
+    /// Makes rows of the candidates in contact.
+    fn hold(&mut self, directions: Option<[Vector3<f64>; 2]>) {
+        self.rows.clear();
+        let touching = (0..self.touching.len()).filter(|at| self.touching[*at]);
+        let rows = touching.flat_map(|contact| {
+            let directions = directions.into_iter().flatten();
+            directions.map(move |direction| ProbeRow { contact, direction })
+        });
+        self.rows.extend(rows);
+    }
+
+    /// Where a candidate was when the probe last moved, mm.
+    pub fn place(&self, candidate: usize) -> Point3<f64> {
+        self.places[candidate]
+    }
+
+    /// The frame that holds the nodes: it follows the axis of the probe, but does not roll with it.
+    fn frame(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
+        let nominal = &self.contact.nominal.rotation;
+        let (from, to) = (nominal * Vector3::z(), pose.rotation * Vector3::z());
+        let turn = UnitQuaternion::rotation_between(&from, &to)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(nominal * Vector3::x_axis()), std::f64::consts::PI));
+        Isometry3::from_parts(pose.translation, turn * nominal)
+    }
+
+    /// Moves the probe, or takes it away. Whether other rows are held than before.
+    pub fn move_to(
+        &mut self,
+        pose: Option<&Isometry3<f64>>,
+        joint: &Joint,
+        needle: &[Vector3<f64>],
+        adaptation: &Adaptation,
+    ) -> bool {
+        self.find_places(joint, needle, adaptation);
+        self.pose = pose.copied();
+        let frame = pose.map(|pose| self.frame(pose));
+        let mut changed = false;
+        for (at, touching) in self.touching.iter_mut().enumerate() {
+            let touches = frame.is_some_and(|frame| {
+                let behind = -frame.inverse_transform_point(&self.places[at]).z;
+                (0.0..=self.contact.length_mm).contains(&behind)
+            });
+            changed |= touches != *touching;
+            *touching = touches;
+        }
+        let directions = pose.map(|pose| self.directions(pose));
+        if let (Some(directions), Some(row)) = (directions, self.rows.first()) {
+            changed |= row.direction != directions[0] || self.rows[1].direction != directions[1];
+        }
+        if changed {
+            self.hold(directions);
+        }
+        changed
+    }
+
+    /// Displacements that the probe prescribes along its rows, mm.
+    pub fn displacements(&self) -> impl Iterator<Item = f64> + '_ {
+        let frame = self.pose.map(|pose| self.frame(&pose)).unwrap_or_default();
+        self.rows.iter().map(move |row| {
+            let target = frame * self.nominal[row.contact];
+            row.direction.dot(&(target - self.rest[row.contact]))
+        })
+    }
+
+    /// Candidates under the forces of the last solution.
+    fn find_places(&mut self, joint: &Joint, needle: &[Vector3<f64>], adaptation: &Adaptation) {
+        let condensed = adaptation.remesher().condensed();
+        self.places.clone_from(&self.rest);
+        let first = 3 * self.places.len();
+        let mut push = |column: usize, force: f64| {
+            for (at, place) in self.places.iter_mut().enumerate() {
+                for axis in 0..3 {
+                    place[axis] += condensed[(3 * at + axis, column)] * force;
+                }
+            }
+        };
+        for (row, force) in joint.probe_forces(needle) {
+            (0..3).for_each(|axis| push(3 * row.contact + axis, row.direction[axis] * force));
+        }
+        for (at, force) in needle.iter().enumerate() {
+            (0..3).for_each(|axis| push(first + 3 * at + axis, force[axis]));
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! What a finite element insertion is made of.
+
+use std::sync::Arc;
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::{Finite, Interactions, Joint, Memory, Nearby, Outcome, Press, Tip};
+use crate::mechanics::insertion::{Interaction, InvalidInteraction, ProbeContact};
+use crate::mechanics::mesh::{Locator, TetMesh};
+use crate::mechanics::needle::{CentreLine, Needle};
+use crate::mechanics::tissue::assembly::AssemblyError;
+use crate::mechanics::tissue::columns::Columns;
+use crate::mechanics::tissue::dofs::{Dofs, NONE};
+use crate::mechanics::tissue::factor::{Factor, FactorError};
+use crate::mechanics::tissue::inverse::{InverseError, invert};
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Precision, RemeshError, Source};
+use crate::mechanics::tissue::rigid::{self, RigidError};
+
+/// How steps are cut and iterated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// The farthest that an instrument goes in one part of a step, mm.
+    pub part_mm: f64,
+    /// The most parts of a step; of a longer way each part is longer.
+    pub most_parts: usize,
+    /// Iterations over states and needle shape in one part at most.
+    pub most_iterations: usize,
+    /// They end when nothing moves by more, mm.
+    pub tolerance_mm: f64,
+    /// The least distance between nodes on the needle, mm.
+    pub spacing_mm: f64,
+    /// The largest Jacobian condition that remeshing at the tip may bring about; of the thinner the next place is tried.
+    pub condition_limit: f64,
+    /// Limits of the remesher.
+    pub remesh: crate::mechanics::tissue::remesh::Options,
+    /// Columns of the base's compliance that are kept where there is no dense inverse (exact level).
+    pub columns: usize,
+    /// Whether the exact level works from a dense inverse too.
+    pub dense: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            part_mm: 0.5,
+            most_parts: 1000,
+            most_iterations: 40,
+            tolerance_mm: 1e-5,
+            spacing_mm: 1.0,
+            condition_limit: 100.0,
+            remesh: crate::mechanics::tissue::remesh::Options::default(),
+            columns: 6000,
+            dense: false,
+        }
+    }
+}
+
+/// Tissue, needle and probe.
+#[derive(Debug)]
+pub struct Setup {
+    /// The tissue at rest, mm.
+    pub mesh: TetMesh,
+    /// One an element.
+    pub materials: Vec<Material>,
+    /// Nodes and axes (0 to 2) that do not move.
+    pub fixed: Vec<(u32, u8)>,
+    /// What regions do to the needle; those not named do nothing.
+    pub interactions: Vec<(i32, Interaction)>,
+    /// The needle.
+    pub needle: Box<dyn Needle>,
+    /// The probe, if one presses.
+    pub probe: Option<ProbeContact>,
+    /// How remeshing keeps the compliance in step.
+    pub level: Level,
+    /// Of the compliance.
+    pub precision: Precision,
+    /// How steps are cut and iterated.
+    pub options: Options,
+}
+
+/// Why an insertion cannot be set up.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidSetup {
+    /// What a region does to the needle has a number out of range.
+    #[error("region {region}: {cause}")]
+    Interaction {
+        /// The region.
+        region: i32,
+        /// The number.
+        cause: InvalidInteraction,
+    },
+    /// A number out of range.
+    #[error("`{key}` is {found}; expected {expected}")]
+    Number {
+        /// Which.
+        key: &'static str,
+        /// As given.
+        found: f64,
+        /// Its range.
+        expected: &'static str,
+    },
+    /// A fixed node or axis that is not there.
+    #[error("node {node}, axis {axis} is to be fixed, but there are {nodes} nodes (numbered from 0) with axes 0 to 2")]
+    Fixed {
+        /// The node.
+        node: u32,
+        /// The axis.
+        axis: u8,
+        /// How many there are.
+        nodes: usize,
+    },
+    /// A candidate of the probe that is not there, named twice, or fixed.
+    #[error("node {node} cannot be a candidate of the probe: it {reason}")]
+    Candidate {
+        /// The node.
+        node: u32,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// The mesh cannot be assembled.
+    #[error(transparent)]
+    Assembly(#[from] AssemblyError),
+    /// The tissue is not held.
+    #[error(transparent)]
+    Rigid(#[from] RigidError),
+    /// The stiffness cannot be factored.
+    #[error(transparent)]
+    Factor(#[from] FactorError),
+    /// The inverse cannot be computed.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
+    /// The level does not suit.
+    #[error(transparent)]
+    Remesh(#[from] RemeshError),
+}
+
+impl Setup {
+    fn check(&self) -> Result<(), InvalidSetup> {
+        let nodes = self.mesh.nodes().len();
+        for &(region, interaction) in &self.interactions {
+            interaction
+                .check()
+                .map_err(|cause| InvalidSetup::Interaction { region, cause })?;
+        }
+        if let Some(&(node, axis)) = self
+            .fixed
+            .iter()
+            .find(|(node, axis)| *node as usize >= nodes || *axis > 2)
+        {
+            return Err(InvalidSetup::Fixed { node, axis, nodes });
+        }
+        let options = &self.options;
+        let positive = [
+            ("part_mm", options.part_mm),
+            ("most_parts", options.most_parts as f64),
+            ("most_iterations", options.most_iterations as f64),
+            ("tolerance_mm", options.tolerance_mm),
+            ("spacing_mm", options.spacing_mm),
+            ("condition_limit", options.condition_limit),
+            ("columns", options.columns as f64),
+            ("length_mm", self.probe.as_ref().map_or(1.0, |probe| probe.length_mm)),
+        ];
+        match positive
+            .into_iter()
+            .find(|(_, found)| !(found.is_finite() && *found > 0.0))
+        {
+            Some((key, found)) => Err(InvalidSetup::Number {
+                key,
+                found,
+                expected: "a finite number above 0",
+            }),
+            None => Ok(()),
+        }
+    }
+
+    fn check_candidates(&self, dofs: &Dofs) -> Result<(), InvalidSetup> {
+        let mut seen = vec![false; dofs.nodes()];
+        for &node in self.probe.iter().flat_map(|probe| &probe.candidates) {
+            let reason = match seen.get_mut(node as usize) {
+                None => "is not in the mesh",
+                Some(true) => "is named twice",
+                Some(_) if dofs.of(node).contains(&NONE) => "is fixed",
+                Some(seen) => {
+                    *seen = true;
+                    continue;
+                }
+            };
+            return Err(InvalidSetup::Candidate { node, reason });
+        }
+        Ok(())
+    }
+
+    pub(super) fn build(self, progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
+        self.check()?;
+        let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
+        self.check_candidates(&dofs)?;
+        rigid::check(&self.mesh, &dofs)?;
+        let adapted = AdaptedMesh::new(&self.mesh, &self.materials, &dofs)?;
+        let factor = Arc::new(Factor::new(adapted.stiffness())?);
+        let dense = self.options.dense || self.level != Level::Exact;
+        let source = match (dense, self.precision) {
+            (false, _) => Source::Columns(Columns::new(Arc::clone(&factor), self.options.columns)),
+            (true, Precision::Double) => Source::Double(Arc::new(invert(&factor, progress)?)),
+            (true, Precision::Single) => Source::Single(Arc::new(invert(&factor, progress)?)),
+        };
+        let adaptation = Adaptation::new(adapted, source, self.level, self.precision, self.options.remesh)?;
+        let mut finite = Finite {
+            locator: Locator::new(&self.mesh),
+            press: self.probe.map(|probe| Press::new(probe, self.mesh.nodes())),
+            mesh: Arc::new(self.mesh),
+            factor,
+            adaptation,
+            interactions: Interactions::new(&self.interactions),
+            needle: self.needle,
+            options: self.options,
+            steps: 0,
+            time_s: 0.0,
+            base: None,
+            line: CentreLine::default(),
+            entry: None,
+            contacts: Vec::new(),
+            forces: Vec::<Vector3<f64>>::new(),
+            tip: Tip::default(),
+            seeds: Vec::new(),
+            outcome: Outcome::default(),
+            joint: Joint::default(),
+            version: 0,
+            condensed: None,
+            nearby: Nearby::default(),
+            carried: Vec::new(),
+            flexibility: Mat::new(),
+            memory: Memory::default(),
+        };
+        finite.name_contacts();
+        Ok(finite)
+    }
+}

@@ -1,0 +1,111 @@
+use faer::Mat;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::mechanics::insertion::{Instruments, Interaction, Model};
+use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::remesh::{Level, Precision};
+
+/// A straight needle.
+#[derive(Debug)]
+struct Straight {
+    length: f64,
+}
+
+impl Needle for Straight {
+    fn length_mm(&self) -> f64 {
+        self.length
+    }
+
+    fn radius_mm(&self) -> f64 {
+        0.64
+    }
+
+    fn is_flexible(&self) -> bool {
+        false
+    }
+
+    fn place(&self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
+        line.set([0.0, self.length].map(|arc| (arc, base * Point3::new(0.0, 0.0, arc))));
+    }
+
+    fn flexibility(&self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
+}
+
+/// A block of tissue, 60 x 60 mm across, from z = 0 (free) to 80 (fixed), shaken a little.
+fn block(cell: f64) -> TetMesh {
+    let cells = [60.0, 60.0, 80.0].map(|edge| (edge / cell).round() as usize);
+    let to_world = nalgebra::Matrix4::new_nonuniform_scaling(&Vector3::new(60.0, 60.0, 80.0));
+    TetMesh::lattice(cells, &to_world).expect("a lattice")
+}
+
+fn setup(interaction: Interaction, level: Level) -> Setup {
+    let mesh = block(8.0);
+    let fixed = (0..mesh.nodes().len() as u32)
+        .filter(|node| mesh.nodes()[*node as usize][2] > 79.9)
+        .flat_map(|node| (0..3).map(move |axis| (node, axis)))
+        .collect();
+    Setup {
+        materials: vec![Material::new(10.0, 0.45).expect("a material"); mesh.elements().len()],
+        fixed,
+        interactions: mesh
+            .regions()
+            .first()
+            .map(|region| (*region, interaction))
+            .into_iter()
+            .collect(),
+        needle: Box::new(Straight { length: 150.0 }),
+        probe: None,
+        level,
+        precision: Precision::Double,
+        options: Options::default(),
+        mesh,
+    }
+}
+
+/// The base such that the tip of a straight needle along z is at (x, y, z).
+fn base(x: f64, y: f64, z: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::new(x, y, z - 150.0), UnitQuaternion::identity())
+}
+
+fn at(z: f64) -> Instruments {
+    Instruments {
+        base: base(31.3, 28.9, z),
+        probe: None,
+        deposit: false,
+    }
+}
+
+#[test]
+fn in_and_out() {
+    let interaction = Interaction {
+        friction_n_per_mm: 0.02,
+        cutting_n: 0.5,
+        puncture_n: 1.5,
+        ..Interaction::default()
+    };
+    let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
+    let mut z = -2.0;
+    let mut up = true;
+    for step in 0..700 {
+        z += if up { 0.2 } else { -0.2 };
+        if z > 50.0 {
+            up = false;
+        }
+        let outcome = finite.step(&at(z), 0.001).expect("a step");
+        if step % 20 == 0 || !outcome.events.is_empty() {
+            println!(
+                "{step} z {z:.2} F {:.4} lat {:.4} contacts {} stuck {} it {} conv {} in {:.2} {:?}",
+                outcome.on_hand.force_n.z,
+                outcome.on_hand.force_n.xy().norm(),
+                outcome.contacts,
+                outcome.stuck,
+                outcome.iterations,
+                outcome.converged,
+                outcome.inserted_mm,
+                outcome.events.iter().map(|event| event.kind.name()).collect::<Vec<_>>()
+            );
+        }
+    }
+}
