@@ -2,19 +2,23 @@
 //! (haptic simulator paper, sections III to V).
 
 mod contact;
+mod fetch;
 mod friction;
 mod imager;
 mod joint;
 mod nearby;
 mod part;
+mod path;
 mod place;
 mod press;
 mod saved;
 mod setup;
+mod slider;
 mod spd;
 #[cfg(test)]
 mod tests;
 mod tip;
+mod walk;
 
 use std::sync::Arc;
 
@@ -138,7 +142,14 @@ impl Finite {
                 forces[3 * row.contact + axis] += force * row.direction[axis];
             }
         }
-        forces.extend(self.forces.iter().flat_map(|force| [force.x, force.y, force.z]));
+        let needle = self.forces.iter().take(self.contacts.len());
+        forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
+        forces.resize(forces.len() + 3 * self.tip.corners.len(), 0.0);
+        if let (Some(row), Some(force)) = (&self.tip.row, self.forces.get(self.contacts.len())) {
+            for (node, share) in row.shares {
+                (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
+            }
+        }
         if self
             .adaptation
             .parts()
@@ -153,11 +164,12 @@ impl Finite {
     fn conclude(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
         let about = Point3::from(base.translation.vector);
         let mut on_hand = Wrench::default();
+        let tip = self.line.tip();
         for (at, force) in self.forces.iter().enumerate() {
-            let place = self.contacts[at].reference + self.joint.displacement(at);
+            let contact = self.contacts.get(at);
+            let place = contact.map_or(tip, |contact| contact.reference + self.joint.displacement(at));
             on_hand.add(-force, &place, &about);
         }
-        let tip = self.line.tip();
         on_hand.add(self.tip.bone_force(&self.line), &tip, &about);
         let mut on_probe = None;
         if let (Some(press), Some(probe)) = (&self.press, probe) {
@@ -178,11 +190,7 @@ impl Finite {
         outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
         outcome.inserted_mm = (self.line.length_mm() - first).max(0.0);
         outcome.contacts = self.contacts.len();
-        outcome.stuck = self
-            .contacts
-            .iter()
-            .filter(|contact| contact.state == contact::State::Stuck)
-            .count();
+        outcome.stuck = self.contacts.iter().filter(|contact| contact.slider.is_stuck()).count();
         outcome.probe_contacts = self.press.as_ref().map_or(0, Press::touching);
     }
 }

@@ -3,15 +3,7 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// What a contact does along the shaft.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) enum State {
-    /// Its place on the shaft is held.
-    Stuck,
-    /// Tissue is pushed along the shaft with all the friction there is: towards the tip (1.0) while the needle goes in, or back
-    /// (-1.0).
-    Slipping(f64),
-}
+use super::slider::Slider;
 
 /// A length of the path that the tip has cut behind a contact, in one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,21 +21,13 @@ pub(super) struct Contact {
     pub reference: Point3<f64>,
     /// Its place along the shaft, mm from the base.
     pub arc: f64,
-    pub state: State,
-    /// The force at the tip that the surface here withstands, N, while it is not broken.
-    pub surface: Option<f64>,
+    pub slider: Slider,
     /// The region in front.
     pub region: i32,
     /// How its place along the shaft changed last, for each mm that the base went on.
     pub drift: f64,
     /// The path from here to the next contact, or to the tip.
     pub layers: Vec<Layer>,
-    /// Sliding friction and cutting in this part of the step: the most force on the tissue towards the tip and back, N.
-    #[serde(skip)]
-    pub sliding: [f64; 2],
-    /// The same while it sticks.
-    #[serde(skip)]
-    pub holding: [f64; 2],
 }
 
 impl Contact {
@@ -64,16 +48,12 @@ impl Contact {
             layer.length > 0.0
         });
     }
-
-    /// The most force of a kind: 0 towards the tip, 1 back.
-    pub fn limit(&self, direction: f64, of: [f64; 2]) -> f64 {
-        of[usize::from(direction < 0.0)]
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mechanics::insertion::finite::slider::State;
 
     #[test]
     fn the_path_grows_and_shrinks_by_region() {
@@ -81,13 +61,10 @@ mod tests {
             node: 0,
             reference: Point3::origin(),
             arc: 0.0,
-            state: State::Stuck,
-            surface: None,
+            slider: Slider::new(State::Stuck),
             region: 1,
             drift: 0.0,
             layers: Vec::new(),
-            sliding: [0.0; 2],
-            holding: [0.0; 2],
         };
         contact.lengthen(1, 2.0);
         contact.lengthen(1, 1.0);

@@ -2,14 +2,12 @@
 //!
 //! Friction is a force for each length of shaft, summed from a contact to the next one (haptic simulator paper, equation 3),
 //! over the lengths that lie between them on the shaft now: the sum over all contacts is the density over the whole embedded
-//! length in the deformed tissue. The last contact carries what is needed to cut at the tip, which acts only against an advance.
-//!
-//! A node that has just been made at the tip does not carry that force at once: tissue must be pushed ahead first. Until it does,
-//! the node behind, which carried it before, keeps the rest, so that the hand feels no jump.
+//! length in the deformed tissue. What is needed to cut acts at the tip.
 
 use std::collections::BTreeMap;
 
-use super::contact::{Contact, State};
+use super::contact::Contact;
+use super::slider::Slider;
 use crate::mechanics::insertion::Interaction;
 
 /// What each region does to the needle. A region without an entry does nothing.
@@ -46,17 +44,9 @@ impl Interactions {
         ]
     }
 
-    /// Sets the limits of all contacts, base first, with the tip at arc `tip` (mm) in `region`. `taken` is what a last contact that
-    /// sticks pushes with already, N.
-    pub fn set_limits(&self, contacts: &mut [Contact], tip: f64, region: Option<i32>, taken: f64) {
+    /// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm) in `region`.
+    pub fn bound(&self, contacts: &mut [Contact], tip: f64, region: Option<i32>) {
         let ahead = region.map(|region| self.of(region)).unwrap_or_default();
-        let sticks = contacts.last().is_some_and(|last| last.state == State::Stuck);
-        let rest = if sticks {
-            ahead.cutting_n - taken.clamp(0.0, ahead.cutting_n)
-        } else {
-            0.0
-        };
-        let last = contacts.len().saturating_sub(1);
         for at in 0..contacts.len() {
             let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
             let contact = &mut contacts[at];
@@ -67,17 +57,16 @@ impl Interactions {
                 let overlap = end - contact.arc.max(tip - peak.width_mm);
                 peak.density_n_per_mm * overlap.clamp(0.0, length)
             });
-            let cutting = match last - at {
-                0 => ahead.cutting_n,
-                1 => rest,
-                _ => 0.0,
-            };
-            contact.sliding = [sliding + peak + cutting, sliding];
-            contact.holding = [holding + peak + cutting, holding];
-            if let Some(surface) = contact.surface {
-                contact.holding[0] = contact.holding[0].max(surface);
-            }
+            contact.slider.sliding = [sliding + peak, -sliding];
+            contact.slider.holding = [holding + peak, -holding];
         }
+    }
+
+    /// Sets the bounds of what the tip meets: it cuts when it goes on, and a surface withstands more until it breaks.
+    pub fn bound_tip(&self, slider: &mut Slider, region: Option<i32>, surface: Option<f64>) {
+        let cutting = region.map_or(0.0, |region| self.of(region).cutting_n);
+        slider.sliding = [cutting, 0.0];
+        slider.holding = [surface.unwrap_or(cutting), 0.0];
     }
 }
 
@@ -88,22 +77,20 @@ mod tests {
     use super::*;
     use crate::mechanics::insertion::Peak;
     use crate::mechanics::insertion::finite::contact::Layer;
+    use crate::mechanics::insertion::finite::slider::State;
 
     fn contact(arc: f64, layers: &[(i32, f64)]) -> Contact {
         Contact {
             node: 0,
             reference: Point3::origin(),
             arc,
-            state: State::Stuck,
-            surface: None,
+            slider: Slider::new(State::Stuck),
             region: 1,
             drift: 0.0,
             layers: layers
                 .iter()
                 .map(|&(region, length)| Layer { region, length })
                 .collect(),
-            sliding: [0.0; 2],
-            holding: [0.0; 2],
         }
     }
 
@@ -112,7 +99,6 @@ mod tests {
         let soft = Interaction {
             friction_n_per_mm: 0.02,
             static_ratio: 1.5,
-            cutting_n: 0.3,
             ..Interaction::default()
         };
         let hard = Interaction {
@@ -131,33 +117,27 @@ mod tests {
             contact(112.0, &[(1, 4.0), (2, 4.0)]),
             contact(120.0, &[(2, 5.0)]),
         ];
-        interactions.set_limits(&mut contacts, 125.0, Some(2), 9.0);
+        interactions.bound(&mut contacts, 125.0, Some(2));
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-15;
         let friction = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
-        for (contact, friction) in contacts.iter().zip(friction) {
-            assert!((contact.sliding[1] - friction).abs() < 1e-15);
+        // One of the six millimetres of the peak lies before the last contact.
+        let peak = [0.0, 0.1, 0.5];
+        for at in 0..3 {
+            let slider = &contacts[at].slider;
+            assert!(near(slider.sliding[0], friction[at] + peak[at]) && near(slider.sliding[1], -friction[at]));
         }
-        // One of the six millimetres of the peak lies before the last contact; only the last cuts.
-        assert!((contacts[0].sliding[0] - friction[0]).abs() < 1e-15);
-        assert!((contacts[1].sliding[0] - friction[1] - 0.1).abs() < 1e-15);
-        assert!((contacts[2].sliding[0] - friction[2] - 0.5 - 0.7).abs() < 1e-15);
-        assert!((contacts[0].holding[1] - 1.5 * friction[0]).abs() < 1e-15);
-        // A surface withstands more while it holds, but only against an advance.
-        contacts[2].surface = Some(9.0);
-        interactions.set_limits(&mut contacts, 125.0, Some(2), 9.0);
-        assert_eq!(contacts[2].holding[0], 9.0);
-        assert!((contacts[2].holding[1] - friction[2]).abs() < 1e-15);
-        // Outside, nothing is cut; an unknown region does nothing.
-        interactions.set_limits(&mut contacts, 125.0, None, 0.0);
-        assert!((contacts[1].sliding[0] - friction[1]).abs() < 1e-15);
-        // What the last one does not push with yet, the one before it does.
-        contacts[2].surface = None;
-        interactions.set_limits(&mut contacts, 125.0, Some(2), 0.3);
-        assert!((contacts[1].sliding[0] - friction[1] - 0.1 - 0.4).abs() < 1e-15);
-        contacts[2].state = State::Slipping(1.0);
-        interactions.set_limits(&mut contacts, 125.0, Some(2), 0.3);
-        assert!((contacts[1].sliding[0] - friction[1] - 0.1).abs() < 1e-15);
+        assert!(near(contacts[0].slider.holding[1], -1.5 * friction[0]));
+        // Outside there is no peak; an unknown region does nothing.
+        interactions.bound(&mut contacts, 125.0, None);
+        assert!(near(contacts[1].slider.sliding[0], friction[1]));
         let mut alone = [contact(0.0, &[(7, 3.0)])];
-        interactions.set_limits(&mut alone, 3.0, Some(7), 0.0);
-        assert_eq!(alone[0].sliding, [0.0; 2]);
+        interactions.bound(&mut alone, 3.0, Some(7));
+        assert!(near(alone[0].slider.sliding[0], 0.0));
+
+        let mut tip = Slider::new(State::Stuck);
+        interactions.bound_tip(&mut tip, Some(2), Some(9.0));
+        assert_eq!((tip.sliding, tip.holding), ([0.7, 0.0], [9.0, 0.0]));
+        interactions.bound_tip(&mut tip, None, None);
+        assert_eq!((tip.sliding, tip.holding), ([0.0; 2], [0.0; 2]));
     }
 }

@@ -15,15 +15,18 @@
 //! n . (X + u) = n . (x_line - C (F - F_before))
 //! ```
 //!
-//! one positive definite system for the forces across and, of nodes that stick, along. Which nodes stick follows from Coulomb's
-//! law with bounds that are known beforehand: a linear complementarity problem of a positive definite matrix, hence with one
-//! solution. Nodes whose force passes the bound slip, and those that would slip against their friction stick; if that does not
-//! settle, only the lowest such node changes at a time, which must end (Murty, 1974).
+//! one positive definite system for the forces across and, of nodes that stick, along. What the tip cuts acts on the tissue at
+//! the tip: shared among the corners of its element by the tip's coordinates there, a node of its own with one force. Which
+//! nodes stick follows from Coulomb's law with bounds that are known beforehand: a linear complementarity problem of a positive
+//! definite matrix, hence with one solution. Nodes whose force passes a bound slip, and those that would slip along with their
+//! friction stick; if that does not settle, only the lowest such node changes at a time, which must end (Murty, 1974).
 
 use faer::{Mat, MatRef};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::contact::{Contact, State};
+use super::contact::Contact;
+use super::slider::Slider;
 use super::spd::Spd;
 use crate::mechanics::needle::CentreLine;
 
@@ -35,19 +38,28 @@ pub(super) struct ProbeRow {
     pub direction: Vector3<f64>,
 }
 
-/// Forces within this share of their bound keep it.
-const BOUND: f64 = 1e-11;
-/// A slip against friction by less is rounding, mm.
-const REST: f64 = 1e-12;
 /// Rounds in which all nodes that break Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 
-/// The contacts as a system of equations. The memory is kept.
+/// The tissue at the tip: what it is made of, where it was before deformation, and what it does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct TipRow {
+    /// Nodes of the compliance, and their shares.
+    pub shares: [(usize, f64); 4],
+    /// In the reference state, mm.
+    pub reference: Point3<f64>,
+    pub slider: Slider,
+}
+
+/// The contacts as a system of equations: the needle's, each with three degrees of freedom, and behind them the tissue at the tip.
+/// The memory is kept.
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     probe_rows: Vec<ProbeRow>,
     probe: Spd,
-    /// K_PP^-1 K_Pn, a column of rows P for each degree of freedom of the needle's contacts.
+    /// K_Pn, a column of rows P for each degree of freedom.
+    coupling: Vec<f64>,
+    /// K_PP^-1 K_Pn, likewise.
     answer: Vec<f64>,
     /// K_PP^-1 g.
     held: Vec<f64>,
@@ -55,8 +67,9 @@ pub(super) struct Joint {
     compliance: Vec<f64>,
     /// K_nP K_PP^-1 g.
     offset: Vec<f64>,
-    /// K_nP, a column of the needle's degrees of freedom for each row P.
-    coupling: Vec<f64>,
+    /// Contacts of the needle before the tissue at the tip.
+    contacts: usize,
+    has_tip: bool,
     /// The compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
@@ -89,26 +102,53 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[*tangent, across, tangent.cross(&across)])
 }
 
+/// The nodes of the compliance at the contacts that a degree of freedom of the system stands for, with their shares.
+struct Members<'a> {
+    condensed: MatRef<'a, f64>,
+    probes: usize,
+    contacts: usize,
+    tip: Option<&'a TipRow>,
+}
+
+impl Members<'_> {
+    /// Those of a node of the system.
+    fn of(&self, node: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let contact = (node < self.contacts).then_some((self.probes + node, 1.0));
+        let tip = self.tip.filter(|_| node == self.contacts);
+        let shares = tip
+            .into_iter()
+            .flat_map(|tip| tip.shares)
+            .filter(|(_, share)| *share != 0.0);
+        contact.into_iter().chain(shares)
+    }
+
+    fn entry(&self, row: usize, column: usize) -> f64 {
+        let pairs = self
+            .of(row / 3)
+            .flat_map(|row| self.of(column / 3).map(move |column| (row, column)));
+        let entry = |((i, a), (j, b)): ((usize, f64), (usize, f64))| {
+            a * b * self.condensed[(3 * i + row % 3, 3 * j + column % 3)]
+        };
+        pairs.map(entry).sum()
+    }
+
+    fn along(&self, row: &ProbeRow, column: usize) -> f64 {
+        let entry = |(node, share): (usize, f64)| {
+            let axes = (0..3)
+                .map(|axis| row.direction[axis] * self.condensed[(3 * row.contact + axis, 3 * node + column % 3)]);
+            share * axes.sum::<f64>()
+        };
+        self.of(column / 3).map(entry).sum()
+    }
+}
+
 impl Joint {
-    /// Takes the compliance at the contacts (`probes` of the probe first, then those of the needle), and eliminates the probe.
-    /// How many of its rows depend on others.
-    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, rows: &[ProbeRow]) -> usize {
+    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that the tissue
+    /// at the tip is made of), and eliminates the probe. How many of its rows depend on others.
+    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) -> usize {
         self.probe_rows.clear();
         self.probe_rows.extend_from_slice(rows);
-        let first = 3 * probes;
-        let n = condensed.nrows() - first;
-        let p = rows.len();
-        self.coupling.clear();
-        for row in rows {
-            let at = 3 * row.contact;
-            let entry = |i: usize| {
-                (0..3)
-                    .map(|axis| condensed[(first + i, at + axis)] * row.direction[axis])
-                    .sum::<f64>()
-            };
-            self.coupling.extend((0..n).map(entry));
-        }
-        self.probe.start(p);
+        self.probe.start(rows.len());
         for (j, column) in rows.iter().enumerate() {
             for (i, row) in rows.iter().enumerate().skip(j) {
                 let block = |a: usize, b: usize| condensed[(3 * row.contact + a, 3 * column.contact + b)];
@@ -119,58 +159,88 @@ impl Joint {
             }
         }
         let dependent = self.probe.factor();
-        self.answer.clear();
-        for i in 0..n {
-            self.answer.extend((0..p).map(|row| self.coupling[row * n + i]));
-            self.probe.solve(&mut self.answer[i * p..]);
-        }
-        self.compliance.clear();
-        for j in 0..n {
-            let column = (0..n).map(|i| condensed[(first + i, first + j)]);
-            self.compliance.extend(column);
-            for row in 0..p {
-                let factor = self.answer[j * p + row];
-                let coupling = &self.coupling[row * n..(row + 1) * n];
-                self.compliance[j * n..]
-                    .iter_mut()
-                    .zip(coupling)
-                    .for_each(|(x, y)| *x -= factor * y);
-            }
-        }
+        (self.contacts, self.has_tip) = (contacts, false);
+        let (p, room) = (rows.len(), self.room());
+        self.coupling.resize(room * p, 0.0);
+        self.answer.resize(room * p, 0.0);
+        self.compliance.resize(room * room, 0.0);
+        let members = Members {
+            condensed,
+            probes,
+            contacts,
+            tip: None,
+        };
+        (0..3 * contacts).for_each(|column| self.fill(&members, column));
         dependent
+    }
+
+    /// Puts the tissue at the tip behind the contacts, or takes it away. The compliance is that of the last
+    /// [`condense`](Self::condense).
+    pub fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
+        self.has_tip = tip.is_some();
+        let members = Members {
+            condensed,
+            probes,
+            contacts: self.contacts,
+            tip,
+        };
+        (3 * self.contacts..3 * self.nodes()).for_each(|column| self.fill(&members, column));
+    }
+
+    /// Computes a column, and its row, up to the diagonal.
+    fn fill(&mut self, members: &Members<'_>, column: usize) {
+        let (p, room) = (self.probe_rows.len(), self.room());
+        let own = column * p..(column + 1) * p;
+        for (row, at) in self.probe_rows.iter().zip(own.clone()) {
+            self.coupling[at] = members.along(row, column);
+        }
+        self.answer[own.clone()].copy_from_slice(&self.coupling[own.clone()]);
+        self.probe.solve(&mut self.answer[own.clone()]);
+        for row in 0..=column {
+            let pairs = self.coupling[row * p..(row + 1) * p]
+                .iter()
+                .zip(&self.answer[own.clone()]);
+            let entry = members.entry(row, column) - pairs.map(|(a, b)| a * b).sum::<f64>();
+            self.compliance[column * room + row] = entry;
+            self.compliance[row * room + column] = entry;
+        }
+    }
+
+    /// Rows that there is room for: those of the contacts and of the tip.
+    fn room(&self) -> usize {
+        3 * (self.contacts + 1)
+    }
+
+    fn nodes(&self) -> usize {
+        self.contacts + usize::from(self.has_tip)
     }
 
     /// What the probe prescribes along its rows, mm.
     pub fn press(&mut self, displacements: impl Iterator<Item = f64>) {
         self.held.clear();
         self.held.extend(displacements);
-        self.probe.solve(&mut self.held);
-        let n = if self.probe_rows.is_empty() {
-            0
-        } else {
-            self.coupling.len() / self.probe_rows.len()
-        };
         self.offset.clear();
-        self.offset.resize(n, 0.0);
-        for (force, coupling) in self.held.iter().zip(self.coupling.chunks_exact(n.max(1))) {
-            self.offset.iter_mut().zip(coupling).for_each(|(x, y)| *x += force * y);
-        }
+        let p = self.held.len();
+        self.offset.extend((0..3 * self.nodes()).map(|i| {
+            let answer = &self.answer[i * p..(i + 1) * p];
+            answer.iter().zip(&self.held).map(|(a, g)| a * g).sum::<f64>()
+        }));
+        self.probe.solve(&mut self.held);
     }
 
-    fn offset(&self, contact: usize) -> Vector3<f64> {
-        let at = 3 * contact;
-        self.offset
-            .get(at..at + 3)
-            .map_or_else(Vector3::zeros, Vector3::from_column_slice)
+    fn offset(&self, node: usize) -> Vector3<f64> {
+        Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }
 
-    /// Turns the contacts into the directions of the shaft at their arcs; forces of contacts that were there before are kept as
-    /// the start. The directions along the shaft and across, contact by contact, are in [`frames`](Self::frames).
-    pub fn turn(&mut self, contacts: &[Contact], line: &CentreLine, forces: &[Vector3<f64>]) {
-        let n = 3 * contacts.len();
+    /// Turns the contacts into the directions of the shaft at their arcs (mm), the tip last. `forces` are those on the tissue that
+    /// the line was bent by.
+    pub fn turn(&mut self, arcs: impl Iterator<Item = f64>, line: &CentreLine, forces: &[Vector3<f64>]) {
         self.frames.clear();
-        self.frames
-            .extend(contacts.iter().map(|contact| frame(&line.at(contact.arc).tangent)));
+        self.frames.extend(arcs.map(|arc| frame(&line.at(arc).tangent)));
+        if self.has_tip {
+            self.frames.push(frame(&line.at(line.length_mm()).tangent));
+        }
+        let (n, room) = (3 * self.frames.len(), self.room());
         self.before.clear();
         for (frame, force) in self.frames.iter().zip(forces) {
             self.before.extend_from_slice((frame.transpose() * force).as_slice());
@@ -179,7 +249,7 @@ impl Joint {
         self.turned.resize(n * n, 0.0);
         for (j, right) in self.frames.iter().enumerate() {
             for (i, left) in self.frames.iter().enumerate() {
-                let block = Matrix3::from_fn(|a, b| self.compliance[(3 * j + b) * n + 3 * i + a]);
+                let block = Matrix3::from_fn(|a, b| self.compliance[(3 * j + b) * room + 3 * i + a]);
                 let block = left.transpose() * block * right;
                 for b in 0..3 {
                     for a in 0..3 {
@@ -201,20 +271,30 @@ impl Joint {
     pub fn solve(
         &mut self,
         contacts: &mut [Contact],
+        tip: Option<&mut TipRow>,
         starts: &[f64],
         line: &CentreLine,
         flexibility: Option<&Mat<f64>>,
     ) -> Solved {
         let mut solved = Solved::default();
-        let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 2;
+        let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
+        let mut tip = tip;
         while solved.rounds < most {
             solved.rounds += 1;
-            solved.dependent = self.solve_once(contacts, starts, line, flexibility);
+            solved.dependent = self.solve_once(contacts, tip.as_deref(), starts, line, flexibility);
             let all = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
-            for at in 0..contacts.len() {
-                if let Some(state) = self.breaks_the_law(&contacts[at], at, starts[at], line) {
-                    contacts[at].state = state;
+            let sliders = contacts
+                .iter_mut()
+                .map(|contact| (contact.reference, &mut contact.slider));
+            let last = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
+            for (at, (reference, slider)) in sliders.chain(last).enumerate() {
+                let place = line.at(starts.get(at).copied().unwrap_or(line.length_mm())).point_mm;
+                let slip = self.frames[at]
+                    .column(0)
+                    .dot(&(reference + self.displacement(at) - place));
+                if let Some(state) = slider.breaks(self.forces[3 * at], slip) {
+                    slider.state = state;
                     changed = true;
                     if !all {
                         break;
@@ -229,61 +309,48 @@ impl Joint {
         solved
     }
 
-    /// The state that a contact must change to.
-    fn breaks_the_law(&self, contact: &Contact, at: usize, start: f64, line: &CentreLine) -> Option<State> {
-        let force = self.forces[3 * at];
-        match contact.state {
-            State::Stuck => {
-                let direction = if force < 0.0 { -1.0 } else { 1.0 };
-                let limit = contact.limit(direction, contact.holding);
-                (force.abs() > limit * (1.0 + BOUND) + f64::MIN_POSITIVE).then_some(State::Slipping(direction))
-            }
-            State::Slipping(direction) => {
-                // Pushed towards the tip, it must come nearer to the base.
-                let place = line.at(start).point_mm;
-                let slip = self.frames[at]
-                    .column(0)
-                    .dot(&(contact.reference + self.displacement(at) - place));
-                (slip * direction > REST).then_some(State::Stuck)
-            }
-        }
-    }
-
     fn solve_once(
         &mut self,
         contacts: &[Contact],
+        tip: Option<&TipRow>,
         starts: &[f64],
         line: &CentreLine,
         flexibility: Option<&Mat<f64>>,
     ) -> usize {
-        let n = 3 * contacts.len();
+        let n = 3 * self.nodes();
         self.forces.clear();
         self.forces.resize(n, 0.0);
         self.rows.clear();
         self.right.clear();
         for (at, contact) in contacts.iter().enumerate() {
-            let mut arc = contact.arc;
-            match contact.state {
-                State::Stuck => {
-                    arc = starts[at];
-                    self.rows.push(3 * at);
-                }
-                State::Slipping(direction) => {
-                    self.forces[3 * at] = direction * contact.limit(direction, contact.sliding)
-                }
-            }
-            self.rows.extend([3 * at + 1, 3 * at + 2]);
+            let stuck = contact.slider.is_stuck();
+            let arc = if stuck { starts[at] } else { contact.arc };
             let gap = line.at(arc).point_mm - contact.reference - self.offset(at);
             let local = self.frames[at].transpose() * gap;
-            let first = if contact.state == State::Stuck { 0 } else { 1 };
-            self.right.extend_from_slice(&local.as_slice()[first..]);
-        }
-        for (right, &row) in self.right.iter_mut().zip(&self.rows) {
-            for (at, contact) in contacts.iter().enumerate() {
-                if contact.state != State::Stuck {
-                    *right -= self.turned[3 * at * n + row] * self.forces[3 * at];
-                }
+            if stuck {
+                self.rows.push(3 * at);
+                self.right.push(local.x);
             }
+            self.rows.extend([3 * at + 1, 3 * at + 2]);
+            self.right.extend([local.y, local.z]);
+            self.forces[3 * at] = contact.slider.force().unwrap_or_default();
+        }
+        if let Some(tip) = tip {
+            let at = contacts.len();
+            if tip.slider.is_stuck() {
+                let gap = line.tip() - tip.reference - self.offset(at);
+                self.rows.push(3 * at);
+                self.right.push(self.frames[at].column(0).dot(&gap));
+            }
+            self.forces[3 * at] = tip.slider.force().unwrap_or_default();
+        }
+        for at in (0..self.nodes()).filter(|at| self.forces[3 * at] != 0.0) {
+            let force = self.forces[3 * at];
+            let column = &self.turned[3 * at * n..(3 * at + 1) * n];
+            self.right
+                .iter_mut()
+                .zip(&self.rows)
+                .for_each(|(right, row)| *right -= column[*row] * force);
         }
         self.system.start(self.rows.len());
         for (j, &column) in self.rows.iter().enumerate() {
@@ -292,7 +359,7 @@ impl Joint {
             }
         }
         if let Some(flexibility) = flexibility {
-            self.yield_to(flexibility);
+            self.yield_to(flexibility, 3 * contacts.len());
         }
         let dependent = self.system.factor();
         self.system.solve(&mut self.right);
@@ -302,9 +369,9 @@ impl Joint {
         dependent
     }
 
-    /// Adds the needle's flexibility to the rows across the shaft, and what it gave way before to their right-hand sides.
-    fn yield_to(&mut self, flexibility: &Mat<f64>) {
-        let across = |row: usize| (row % 3 != 0).then(|| 2 * (row / 3) + row % 3 - 1);
+    /// Adds the needle's flexibility to the first rows across the shaft, and what it gave way before to their right-hand sides.
+    fn yield_to(&mut self, flexibility: &Mat<f64>, rows: usize) {
+        let across = |row: usize| (row < rows && row % 3 != 0).then(|| 2 * (row / 3) + row % 3 - 1);
         for (j, &column) in self.rows.iter().enumerate() {
             let Some(other) = across(column) else { continue };
             for (i, &row) in self.rows.iter().enumerate() {
@@ -318,23 +385,23 @@ impl Joint {
         }
     }
 
-    /// Force on the tissue at a contact of the needle, N, world axes.
-    pub fn force(&self, contact: usize) -> Vector3<f64> {
-        self.frames[contact] * Vector3::from_column_slice(&self.forces[3 * contact..3 * contact + 3])
+    /// Force on the tissue at a contact of the needle, or, behind them, at the tip, N, world axes.
+    pub fn force(&self, node: usize) -> Vector3<f64> {
+        self.frames[node] * Vector3::from_column_slice(&self.forces[3 * node..3 * node + 3])
     }
 
-    /// Displacement of a contact of the needle, mm, world axes.
-    pub fn displacement(&self, contact: usize) -> Vector3<f64> {
+    /// Displacement there, mm, world axes.
+    pub fn displacement(&self, node: usize) -> Vector3<f64> {
         let n = self.forces.len();
         let mut local = Vector3::zeros();
         for (column, force) in self.forces.iter().enumerate() {
-            let at = column * n + 3 * contact;
+            let at = column * n + 3 * node;
             local += Vector3::from_column_slice(&self.turned[at..at + 3]) * *force;
         }
-        self.frames[contact] * local + self.offset(contact)
+        self.frames[node] * local + self.offset(node)
     }
 
-    /// Forces of the probe on the tissue along its rows, N.
+    /// Forces of the probe on the tissue along its rows, N, with those of the needle at its contacts and at the tip.
     pub fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
         let p = self.probe_rows.len();
         self.probe_rows.iter().enumerate().map(move |(row, probe)| {

@@ -3,8 +3,8 @@
 use faer::Mat;
 use nalgebra::{Isometry3, Vector3};
 
-use super::contact::State;
-use super::{EventKind, Finite};
+use super::Finite;
+use super::slider::State;
 use crate::mechanics::needle::{Load, Row};
 
 /// After so many iterations the forces change by ever less of what is asked: a needle that buckles does not swing for ever.
@@ -15,8 +15,7 @@ impl Finite {
     pub(super) fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
         let from = self.base.unwrap_or(*base);
         let probe_from = self.press.as_ref().and_then(|press| press.pose);
-        let reach = self.needle.length_mm();
-        let mut way = farthest(&from, base, reach);
+        let mut way = farthest(&from, base, self.needle.length_mm());
         if let (Some(from), Some(to), Some(press)) = (&probe_from, probe, &self.press) {
             way = way.max(farthest(from, to, press.length_mm()));
         }
@@ -70,7 +69,7 @@ impl Finite {
     /// Nodes that slip go on as they did: a start that spares iterations.
     fn foresee(&mut self, advance: f64) {
         for contact in &mut self.contacts {
-            if matches!(contact.state, State::Slipping(direction) if direction * advance > 0.0) {
+            if matches!(contact.slider.state, State::Slipping(direction) if direction * advance > 0.0) {
                 contact.arc += contact.drift * advance;
             }
         }
@@ -92,20 +91,20 @@ impl Finite {
     fn settle(&mut self, base: &Isometry3<f64>) {
         let base = self.tip.held(base);
         self.tip.base = Some(base);
+        self.take_tip();
         self.take_compliance();
-        self.forces.resize(self.contacts.len(), Vector3::zeros());
         self.place(&base);
-        let taken = self.push_of_last();
         let mut change = f64::INFINITY;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
-            let length = self.line.length_mm();
             self.interactions
-                .set_limits(&mut self.contacts, length, self.tip.region(), taken);
-            self.joint.turn(&self.contacts, &self.line, &self.forces);
+                .bound(&mut self.contacts, self.line.length_mm(), self.tip.region());
+            let arcs = self.contacts.iter().map(|contact| contact.arc);
+            self.joint.turn(arcs, &self.line, &self.forces);
             let yields = self.write_flexibility();
             let solved = self.joint.solve(
                 &mut self.contacts,
+                self.tip.row.as_mut(),
                 &self.memory.starts,
                 &self.line,
                 yields.then_some(&self.flexibility),
@@ -130,19 +129,14 @@ impl Finite {
         self.carry();
     }
 
-    /// What the last node pushes tissue ahead with, N.
-    fn push_of_last(&self) -> f64 {
-        let pairs = self.contacts.last().zip(self.forces.last());
-        pairs.map_or(0.0, |(contact, force)| self.line.at(contact.arc).tangent.dot(force))
-    }
-
     /// Brings the places along the shaft up to date with the last solution. The largest change, mm.
     fn slide(&mut self) -> f64 {
         let mut largest = 0.0f64;
         for (at, contact) in self.contacts.iter_mut().enumerate() {
-            let arc = match contact.state {
-                State::Stuck => self.memory.starts[at],
-                State::Slipping(_) => self.line.nearest(&(contact.reference + self.joint.displacement(at))),
+            let arc = if contact.slider.is_stuck() {
+                self.memory.starts[at]
+            } else {
+                self.line.nearest(&(contact.reference + self.joint.displacement(at)))
             };
             largest = largest.max((arc - contact.arc).abs());
             contact.arc = arc;
@@ -152,17 +146,17 @@ impl Finite {
 
     /// Bends the needle under the forces at hand.
     fn place(&mut self, base: &Isometry3<f64>) {
+        let length = self.needle.length_mm();
         let loads = &mut self.memory.loads;
         loads.clear();
-        for (contact, force) in self.contacts.iter().zip(&self.forces) {
-            loads.push(Load {
-                arc_mm: contact.arc,
-                force_n: -force,
-            });
-        }
+        let arcs = self.contacts.iter().map(|contact| contact.arc).chain(Some(length));
+        loads.extend(arcs.zip(&self.forces).map(|(arc_mm, force)| Load {
+            arc_mm,
+            force_n: -force,
+        }));
         if self.tip.in_bone() {
             loads.push(Load {
-                arc_mm: self.needle.length_mm(),
+                arc_mm: length,
                 force_n: self.tip.bone_force(&self.line),
             });
         }
@@ -177,44 +171,44 @@ impl Finite {
         let rows = &mut self.memory.rows;
         rows.clear();
         for (contact, frame) in self.contacts.iter().zip(self.joint.frames()) {
-            for axis in [1, 2] {
-                rows.push(Row {
-                    arc_mm: contact.arc,
-                    direction: frame.column(axis).into_owned(),
-                });
-            }
+            rows.extend([1, 2].map(|axis| Row {
+                arc_mm: contact.arc,
+                direction: frame.column(axis).into_owned(),
+            }));
         }
-        let flexibility = &mut self.flexibility;
-        if flexibility.nrows() == rows.len() {
-            flexibility.fill(0.0);
+        if self.flexibility.nrows() == rows.len() {
+            self.flexibility.fill(0.0);
         } else {
-            *flexibility = Mat::zeros(rows.len(), rows.len());
+            self.flexibility = Mat::zeros(rows.len(), rows.len());
         }
-        self.needle.flexibility(&self.line, rows, flexibility);
+        self.needle.flexibility(&self.line, rows, &mut self.flexibility);
         true
     }
 
-    /// Takes in the compliance at the contacts, if it has changed.
+    /// Takes in the compliance at the contacts, if it has changed, and the tissue at the tip.
     pub(super) fn take_compliance(&mut self) {
-        if self.condensed == Some(self.version) {
-            return;
-        }
-        let (probes, rows) = self
-            .press
-            .as_ref()
-            .map_or((0, &[][..]), |press| (press.nodes().len(), press.rows()));
+        let (probes, rows) = match &self.press {
+            None => (0, &[][..]),
+            Some(press) => (press.nodes().len(), press.rows()),
+        };
         let condensed = self.adaptation.remesher().condensed();
-        self.joint.condense(condensed, probes, rows);
-        self.condensed = Some(self.version);
+        if self.condensed != Some(self.version) {
+            self.joint.condense(condensed, probes, self.contacts.len(), rows);
+            self.condensed = Some(self.version);
+        }
+        self.joint.set_tip(condensed, probes, self.tip.row.as_ref());
         self.joint
             .press(self.press.iter().flat_map(|press| press.displacements()));
+        let nodes = self.contacts.len() + usize::from(self.tip.row.is_some());
+        self.forces.resize(nodes, Vector3::zeros());
     }
 
     /// Where static friction is more than sliding friction, a node that has slipped holds again once it rests.
     fn stick_again(&mut self) {
         for contact in &mut self.contacts {
-            if contact.holding[1] > contact.sliding[1] {
-                contact.state = State::Stuck;
+            let slider = &mut contact.slider;
+            if slider.holding[1] < slider.sliding[1] {
+                slider.state = State::Stuck;
             }
         }
     }
@@ -222,24 +216,9 @@ impl Finite {
     /// Moves the probe.
     fn press(&mut self, probe: Option<&Isometry3<f64>>) {
         let Some(press) = &mut self.press else { return };
-        if press.move_to(probe, &self.joint, &self.forces, &self.adaptation) {
-            // The rows are taken in, with what they prescribe, when the compliance is.
+        let condensed = self.adaptation.remesher().condensed();
+        if press.move_to(probe, condensed, &self.memory.contact_forces) {
             self.version += 1;
-        } else {
-            self.joint.press(press.displacements());
-        }
-    }
-
-    /// Tells that a surface is broken.
-    pub(super) fn break_surfaces(&mut self) {
-        for at in 0..self.contacts.len() {
-            let contact = &mut self.contacts[at];
-            if contact.surface.is_some() && contact.state == State::Slipping(1.0) {
-                contact.surface = None;
-                let region = contact.region;
-                let place = contact.reference + self.joint.displacement(at);
-                self.note(EventKind::Puncture, place, Some(region));
-            }
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Where in the deformed tissue a point is.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// A point in an element.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Place {
     pub element: u32,
     pub bary: [f64; 4],

@@ -1,10 +1,10 @@
 //! The probe: which nodes touch it, and where it holds them.
 
+use faer::MatRef;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::joint::{Joint, ProbeRow};
+use super::joint::ProbeRow;
 use crate::mechanics::insertion::ProbeContact;
-use crate::mechanics::tissue::remesh::Adaptation;
 
 /// A probe with its candidates. Nodes beside the cylinder are held where they were across its axis when the tissue was at rest,
 /// and slide along it without friction.
@@ -105,14 +105,8 @@ impl Press {
     }
 
     /// Moves the probe, or takes it away. Whether other rows are held than before.
-    pub fn move_to(
-        &mut self,
-        pose: Option<&Isometry3<f64>>,
-        joint: &Joint,
-        needle: &[Vector3<f64>],
-        adaptation: &Adaptation,
-    ) -> bool {
-        self.find_places(joint, needle, adaptation);
+    pub fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
+        self.find_places(condensed, forces);
         self.pose = pose.copied();
         let frame = pose.map(|pose| self.frame(pose));
         let mut changed = false;
@@ -143,23 +137,13 @@ impl Press {
         })
     }
 
-    /// Candidates under the forces of the last solution.
-    fn find_places(&mut self, joint: &Joint, needle: &[Vector3<f64>], adaptation: &Adaptation) {
-        let condensed = adaptation.remesher().condensed();
+    /// Candidates under the forces of the last solution on all contacts.
+    fn find_places(&mut self, condensed: MatRef<'_, f64>, forces: &[f64]) {
         self.places.clone_from(&self.rest);
-        let first = 3 * self.places.len();
-        let mut push = |column: usize, force: f64| {
+        for (column, force) in forces.iter().enumerate().filter(|(_, force)| **force != 0.0) {
             for (at, place) in self.places.iter_mut().enumerate() {
-                for axis in 0..3 {
-                    place[axis] += condensed[(3 * at + axis, column)] * force;
-                }
+                (0..3).for_each(|axis| place[axis] += condensed[(3 * at + axis, column)] * force);
             }
-        };
-        for (row, force) in joint.probe_forces(needle) {
-            (0..3).for_each(|axis| push(3 * row.contact + axis, row.direction[axis] * force));
-        }
-        for (at, force) in needle.iter().enumerate() {
-            (0..3).for_each(|axis| push(first + 3 * at + axis, force[axis]));
         }
     }
 }

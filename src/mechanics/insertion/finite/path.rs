@@ -1,0 +1,211 @@
+//! The path of the needle: nodes are made at the tip as it goes in, and come off as it comes back.
+
+use nalgebra::{Point3, Vector3};
+
+use super::contact::Contact;
+use super::place::Place;
+use super::slider::{Slider, State};
+use super::{EventKind, Finite};
+use crate::mechanics::needle::Entry;
+use crate::mechanics::tissue::remesh::corner::best_corner;
+
+impl Finite {
+    /// Takes off the nodes that the tip has come back past. Whether there were any.
+    pub(super) fn release(&mut self) -> bool {
+        let length = self.line.length_mm();
+        let mut released = false;
+        while self.contacts.last().is_some_and(|contact| contact.arc > length) {
+            let Some(contact) = self.contacts.pop() else { break };
+            self.forces.truncate(self.contacts.len());
+            self.memory.starts.pop();
+            if self.adaptation.restore(contact.node).is_err() {
+                self.note(EventKind::NotRemeshed, self.line.tip(), None);
+            }
+            self.outcome.remeshes += 1;
+            released = true;
+        }
+        if !released {
+            return false;
+        }
+        // Its element is not what it was.
+        (self.tip.row, self.tip.found, self.tip.surface) = (None, None, None);
+        if self.contacts.is_empty() {
+            self.entry = None;
+            self.tip.element = None;
+            self.tip.corners.clear();
+            self.note(EventKind::Out, self.line.tip(), None);
+        }
+        self.name_contacts();
+        true
+    }
+
+    /// Follows the tip through the tissue. Whether a node was moved to it.
+    pub(super) fn advance(&mut self) -> bool {
+        self.break_surface();
+        let tip = self.line.tip();
+        let found = match (self.contacts.is_empty(), self.tip.element) {
+            (true, _) => self.enter(&tip),
+            (false, Some((element, _))) => self.walk(&tip, element),
+            (false, None) => None,
+        };
+        let Some(place) = found else {
+            self.tip.row = None;
+            return false;
+        };
+        let region = self.mesh.regions()[place.element as usize];
+        let before = self.tip.region();
+        self.tip.reference = self.adaptation.mesh().point(place.element, place.bary).into();
+        if self.contacts.is_empty() {
+            return self.pierce(&place, &tip);
+        }
+        self.tip.element = Some((place.element, region));
+        self.lay_path(region);
+        if before != Some(region) {
+            self.note(EventKind::Region, tip, Some(region));
+            self.meet_surface(region);
+        }
+        if let Some(bone) = self.interactions.of(region).bone {
+            self.meet_bone(&bone, &tip, region);
+            self.tip.row = None;
+            return false;
+        }
+        self.tip.found = Some(place);
+        self.wants_node(&place) && self.remesh(&place, region)
+    }
+
+    /// The path in front of the last node grows, or shrinks.
+    fn lay_path(&mut self, region: i32) {
+        let length = self.line.length_mm();
+        let Some(last) = self.contacts.last_mut() else { return };
+        let ahead = length - last.arc;
+        let laid: f64 = last.layers.iter().map(|layer| layer.length).sum();
+        if ahead > laid {
+            last.lengthen(region, ahead - laid)
+        } else {
+            last.shorten(ahead)
+        }
+    }
+
+    /// Whether the tip has left the elements around the last node, and is far enough from it.
+    fn wants_node(&self, place: &Place) -> bool {
+        let Some(last) = self.contacts.last() else { return false };
+        let spacing = self.options.spacing_mm;
+        let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
+        let refused = self
+            .tip
+            .refused
+            .is_some_and(|refused| (refused - self.tip.reference).norm() < spacing / 4.0);
+        elsewhere && self.line.length_mm() - last.arc >= spacing && !refused
+    }
+
+    /// Moves a corner to the tip.
+    fn remesh(&mut self, place: &Place, region: i32) -> bool {
+        let Some(node) = self.move_corner(place.element, self.tip.reference, |_| true) else {
+            self.tip.refused = Some(self.tip.reference);
+            self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
+            return false;
+        };
+        let state = self.contacts.last().map_or(State::Stuck, |last| last.slider.state);
+        self.add_contact(node, self.line.length_mm(), state, region);
+        self.find_again(place.element);
+        true
+    }
+
+    /// Makes the best of some corners a node at a point of the reference state. Which; none if none fits.
+    fn move_corner(&mut self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
+        let (contacts, press) = (&self.contacts, &self.press);
+        let taken = |node: u32| {
+            let on_needle = contacts.iter().any(|contact| contact.node == node);
+            let on_probe = press.as_ref().is_some_and(|press| press.nodes().contains(&node));
+            on_needle || on_probe || !may(node)
+        };
+        let corner = best_corner(self.adaptation.mesh(), element, to.into(), taken).ok()?;
+        if corner.condition > self.options.condition_limit {
+            return None;
+        }
+        self.adaptation.move_node(corner.node, to.into()).ok()?;
+        self.outcome.remeshes += 1;
+        Some(corner.node)
+    }
+
+    fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
+        self.forces.truncate(self.contacts.len());
+        self.forces.push(Vector3::zeros());
+        self.contacts.push(Contact {
+            node,
+            reference: self.adaptation.mesh().nodes()[node as usize].into(),
+            arc,
+            slider: Slider::new(state),
+            region,
+            drift: -1.0,
+            layers: Vec::new(),
+        });
+        self.memory.starts.push(arc);
+        self.tip.refused = None;
+        self.tip.corners.retain(|other| *other != node);
+        self.name_contacts();
+    }
+
+    /// Finds the tip among the elements whose corner has been moved.
+    fn find_again(&mut self, from: u32) {
+        let point = self.tip.reference;
+        self.tip.found = self.walk_at_rest(&point, from);
+        if let Some(place) = &self.tip.found {
+            self.tip.element = Some((place.element, self.mesh.regions()[place.element as usize]));
+        }
+    }
+
+    /// Names the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
+    pub(super) fn name_contacts(&mut self) {
+        let dofs = &mut self.memory.dofs;
+        dofs.clear();
+        let (mesh, remesher) = self.adaptation.parts();
+        let probe = self.press.iter().flat_map(|press| press.nodes().iter().copied());
+        let needle = self.contacts.iter().map(|contact| contact.node);
+        let nodes = probe.chain(needle).chain(self.tip.corners.iter().copied());
+        dofs.extend(nodes.flat_map(|node| mesh.dofs().of(node)).map(|dof| dof as usize));
+        if let Err(error) = remesher.set_contacts(dofs) {
+            unreachable!("contacts are free nodes, each once: {error}");
+        }
+        self.version += 1;
+    }
+
+    /// The tip goes through the skin: the first node, on the surface where the needle crosses it.
+    fn pierce(&mut self, place: &Place, tip: &Point3<f64>) -> bool {
+        let tangent = self.line.at(self.line.length_mm()).tangent;
+        let Some((skin, face, depth)) = self.back_to_surface(place, tip, &-tangent.into_inner()) else {
+            return false;
+        };
+        let point = tip - tangent.into_inner() * depth;
+        let region = self.mesh.regions()[skin.element as usize];
+        let at = Point3::from(self.adaptation.mesh().point(skin.element, skin.bary));
+        let inner = self.mesh.elements()[skin.element as usize][face];
+        let length = self.line.length_mm();
+        let on_surface = self.move_corner(skin.element, at, |node| node != inner);
+        // Where no corner of the face can be moved along it, the tip becomes a node inside.
+        let made = match on_surface {
+            Some(node) => Some((node, length - depth)),
+            None => self
+                .move_corner(place.element, self.tip.reference, |_| true)
+                .map(|node| (node, length)),
+        };
+        let Some((node, arc)) = made else {
+            self.note(EventKind::NotRemeshed, *tip, Some(region));
+            return false;
+        };
+        self.note(EventKind::Skin, point, Some(region));
+        self.entry = Some(Entry {
+            point_mm: point,
+            direction: tangent,
+        });
+        self.add_contact(node, arc, State::Stuck, region);
+        self.tip.row = None;
+        self.meet_surface(region);
+        self.find_again(place.element);
+        if let Some(bone) = self.interactions.of(region).bone {
+            self.meet_bone(&bone, &point, region);
+            self.tip.found = None;
+        }
+        true
+    }
+}

@@ -1,0 +1,160 @@
+//! From points to places in the tissue as it lies now.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Finite;
+use super::place::{Place, Tetrahedron};
+use crate::mechanics::mesh::NONE;
+
+/// Elements that a search goes through at most: a part of a step passes a few.
+const MOST_ELEMENTS: usize = 64;
+/// A coordinate this far below zero is rounding.
+const SLACK: f64 = 1e-10;
+/// Iterations that carry a point back to the reference state when only the probe displaces the tissue.
+const CARRIES: usize = 8;
+
+impl Finite {
+    /// Where the tip is when it is in the body for the first time: only the probe displaces the tissue then.
+    pub(super) fn enter(&mut self, tip: &Point3<f64>) -> Option<Place> {
+        let mut point = *tip;
+        let mut element = NONE;
+        for _ in 0..CARRIES {
+            let hit = self.locator.locate(point.into(), element);
+            if hit.element == NONE {
+                return None;
+            }
+            element = hit.element;
+            if self.press.is_none() {
+                return Some(Place {
+                    element,
+                    bary: hit.bary,
+                });
+            }
+            let displacement = self.displacement_at(&Place {
+                element,
+                bary: hit.bary,
+            });
+            let next = tip - displacement;
+            if (next - point).norm() < SLACK {
+                break;
+            }
+            point = next;
+        }
+        self.walk(tip, element)
+    }
+
+    fn displacement_at(&mut self, place: &Place) -> Vector3<f64> {
+        self.gather(place.element);
+        let corners = self.mesh.elements()[place.element as usize];
+        let terms = corners.iter().zip(place.bary);
+        terms
+            .map(|(node, weight)| Vector3::from(self.nearby.of(*node).unwrap_or_default()) * weight)
+            .sum()
+    }
+
+    fn gather(&mut self, element: u32) {
+        let gathered = self
+            .nearby
+            .gather(&mut self.adaptation, &self.carried, element, self.version);
+        if let Err(error) = gathered {
+            unreachable!("rows and columns are free degrees of freedom: {error}");
+        }
+    }
+
+    /// The element as it lies now.
+    fn deformed(&mut self, element: u32) -> Option<Tetrahedron> {
+        let corners = self.mesh.elements()[element as usize];
+        if corners.iter().any(|node| self.nearby.of(*node).is_none()) {
+            self.gather(element);
+        }
+        let nodes = self.adaptation.mesh().nodes();
+        let place = |node: u32| {
+            let displacement = self.nearby.of(node).unwrap_or_default();
+            Point3::from(nodes[node as usize]) + Vector3::from(displacement)
+        };
+        Tetrahedron::new(&corners.map(place))
+    }
+
+    /// From an element to the one that holds a point, in the tissue as it lies now. None outside.
+    pub(super) fn walk(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
+        self.gather(from);
+        let mut element = from;
+        for _ in 0..MOST_ELEMENTS {
+            let tetrahedron = self.deformed(element)?;
+            if tetrahedron.volume <= 0.0 {
+                self.outcome.crushed += 1;
+            }
+            match next(&tetrahedron.bary(point)) {
+                Ok(bary) => return Some(Place { element, bary }),
+                Err(corner) => element = self.mesh.neighbours()[element as usize][corner],
+            }
+            if element == NONE {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Back along a direction to where the tissue begins: the place there, the corner opposite the surface, and how far (mm).
+    pub(super) fn back_to_surface(
+        &mut self,
+        place: &Place,
+        from: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<(Place, usize, f64)> {
+        let mut element = place.element;
+        let mut point = *from;
+        let mut way = 0.0;
+        for _ in 0..MOST_ELEMENTS {
+            let tetrahedron = self.deformed(element)?;
+            let (distance, corner) = tetrahedron.exit(&point, direction)?;
+            way += distance;
+            point += direction * distance;
+            let next = self.mesh.neighbours()[element as usize][corner];
+            if next == NONE {
+                let mut bary = tetrahedron.bary(&point);
+                bary[corner] = 0.0;
+                let sum: f64 = bary.iter().sum();
+                return Some((
+                    Place {
+                        element,
+                        bary: bary.map(|b| b / sum),
+                    },
+                    corner,
+                    way,
+                ));
+            }
+            element = next;
+        }
+        None
+    }
+
+    /// The same in the reference state.
+    pub(super) fn walk_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+        let nodes = self.adaptation.mesh().nodes();
+        let mut element = from;
+        for _ in 0..MOST_ELEMENTS {
+            let corners = self.mesh.elements()[element as usize];
+            let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))?;
+            match next(&tetrahedron.bary(point)) {
+                Ok(bary) => return Some(Place { element, bary }),
+                Err(corner) => element = self.mesh.neighbours()[element as usize][corner],
+            }
+            if element == NONE {
+                return None;
+            }
+        }
+        None
+    }
+}
+
+/// The coordinates, if they are those of a point inside, or else the corner whose opposite face the point lies farthest beyond.
+fn next(bary: &[f64; 4]) -> Result<[f64; 4], usize> {
+    let (mut corner, mut least) = (0, bary[0]);
+    for (at, &value) in bary.iter().enumerate().skip(1) {
+        if value < least {
+            (corner, least) = (at, value);
+        }
+    }
+    if least >= -SLACK { Ok(*bary) } else { Err(corner) }
+}
