@@ -43,7 +43,8 @@ pub struct Row {
 /// A model of a needle.
 ///
 /// The caller iterates: it asks for the shape under the forces at hand and for the flexibility there, solves tissue and needle
-/// together, and asks again with the forces found, until nothing moves.
+/// together, and asks again with the forces found, until nothing moves. What a needle keeps between calls is memory to reuse:
+/// answers depend on the arguments alone.
 pub trait Needle: Send + Debug {
     /// Length from base to tip, mm.
     fn length_mm(&self) -> f64;
@@ -57,9 +58,9 @@ pub trait Needle: Send + Debug {
     /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of the call
     /// before, which the levers of the forces may be taken from; what it holds at first is of no matter if there are no loads.
     /// `entry` is where the needle went in, if it is in the body.
-    fn place(&self, base: &Isometry3<f64>, entry: Option<&Entry>, loads: &[Load], line: &mut CentreLine);
+    fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, loads: &[Load], line: &mut CentreLine);
 
     /// Adds to `out` (rows x rows, mm/N) the displacement along row i of the shaft that lies as `line` says, base held, under a
-    /// unit force along row j. Symmetric, positive semidefinite.
-    fn flexibility(&self, line: &CentreLine, rows: &[Row], out: &mut Mat<f64>);
+    /// unit force along row j. Symmetric, positive semidefinite. Nothing is added for a line that this needle did not place.
+    fn flexibility(&mut self, line: &CentreLine, rows: &[Row], out: &mut Mat<f64>);
 }

@@ -3,7 +3,7 @@
 mod bending;
 mod path;
 
-pub use bending::BendingConstraint;
+pub use crate::mechanics::needle::BendingConstraint;
 pub use path::NeedlePath;
 
 use nalgebra::{Matrix4, Point3, Unit, Vector3};
