@@ -4,14 +4,23 @@
 //! along the undeformed shaft towards the tip and x to the side that a bevel deflects to; the roll of the base turns the bevel,
 //! for torsion is neglected (haptic simulator paper, section III-B).
 
+mod bending;
+mod chain;
 mod line;
+mod rigid;
+mod shaft;
+mod springs;
 
 use std::fmt::Debug;
 
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+pub use bending::BendingConstraint;
 pub use line::{CentreLine, ShaftPoint};
+pub use rigid::{Constrained, Rigid};
+pub use shaft::{Bevel, InvalidNeedleModel, Shaft};
+pub use springs::{LINK_MM, Springs, Stiffness};
 
 /// A force on the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,0 +1,108 @@
+//! Rigid links in a row, some joined by joints: the geometry that the models share.
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::{Bevel, CentreLine};
+
+/// Nodes closer than this along the shaft are one, mm.
+const APART_MM: f64 = 1e-9;
+
+/// Nodes along the undeformed shaft: base, joints, the start of the bevel, tip.
+#[derive(Clone, Debug)]
+pub(super) struct Chain {
+    arcs: Vec<f64>,
+    /// The node of each joint.
+    joints: Vec<usize>,
+    /// From which node on the shaft is tilted, and its direction there in the frame of the link.
+    tilt: Option<(usize, Vector3<f64>)>,
+    nodes: Vec<(f64, Point3<f64>)>,
+}
+
+impl Chain {
+    /// A shaft with joints at rising arcs within it (mm). Bevel and length are checked.
+    pub(super) fn new(length_mm: f64, joints: &[f64], bevel: Option<&Bevel>) -> Self {
+        let mut arcs = vec![0.0];
+        arcs.extend_from_slice(joints);
+        arcs.push(length_mm);
+        let mut at: Vec<usize> = (1..=joints.len()).collect();
+        let tilt = bevel.filter(|bevel| bevel.r_mm > 0.0).map(|bevel| {
+            let start = length_mm - bevel.length_mm;
+            let near = arcs.iter().position(|arc| (arc - start).abs() < APART_MM);
+            let from = near.unwrap_or_else(|| {
+                let from = arcs.partition_point(|&arc| arc < start);
+                arcs.insert(from, start);
+                at.iter_mut()
+                    .filter(|joint| **joint >= from)
+                    .for_each(|joint| *joint += 1);
+                from
+            });
+            (from, bevel.direction())
+        });
+        let nodes = Vec::with_capacity(arcs.len());
+        Self {
+            arcs,
+            joints: at,
+            tilt,
+            nodes,
+        }
+    }
+
+    pub(super) fn length_mm(&self) -> f64 {
+        self.arcs[self.arcs.len() - 1]
+    }
+
+    /// The node of each joint, base first.
+    pub(super) fn joints(&self) -> &[usize] {
+        &self.joints
+    }
+
+    /// How many joints lie before an arc (mm).
+    pub(super) fn joints_before(&self, arc_mm: f64) -> usize {
+        self.joints.partition_point(|&node| self.arcs[node] < arc_mm)
+    }
+
+    /// Whether a line has the nodes of this shaft.
+    pub(super) fn fits(&self, line: &CentreLine) -> bool {
+        let arcs = line.nodes().iter().map(|node| node.0);
+        line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
+    }
+
+    /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for the
+    /// direction of the link before it; frames are carried along by these rotations alone.
+    pub(super) fn place(
+        &mut self,
+        base: &Isometry3<f64>,
+        line: &mut CentreLine,
+        mut turn: impl FnMut(usize, &Vector3<f64>) -> Vector3<f64>,
+    ) {
+        let direction = |frame: &UnitQuaternion<f64>, node: usize| match &self.tilt {
+            Some((from, tilted)) if node >= *from => frame * tilted,
+            _ => frame * Vector3::z(),
+        };
+        let mut frame = base.rotation;
+        // Points lie from where the shaft last turned, so that a straight one is straight to the bit.
+        let mut turned = (self.arcs[0], Point3::from(base.translation.vector));
+        let mut along = direction(&frame, 0);
+        let mut joint = 0;
+        self.nodes.clear();
+        self.nodes.push(turned);
+        for (node, &arc) in self.arcs.iter().enumerate().skip(1) {
+            let point = turned.1 + along * (arc - turned.0);
+            self.nodes.push((arc, point));
+            let mut turns = self.tilt.as_ref().is_some_and(|tilt| tilt.0 == node);
+            if self.joints.get(joint) == Some(&node) {
+                let angle = turn(joint, &along);
+                if angle != Vector3::zeros() {
+                    frame = UnitQuaternion::from_scaled_axis(angle) * frame;
+                    turns = true;
+                }
+                joint += 1;
+            }
+            if turns {
+                along = direction(&frame, node);
+                turned = (arc, point);
+            }
+        }
+        line.set(self.nodes.iter().copied());
+    }
+}

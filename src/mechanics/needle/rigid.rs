@@ -1,0 +1,194 @@
+//! Needles that no force bends.
+
+use faer::Mat;
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+
+use super::chain::Chain;
+use super::shaft::check;
+use super::{BendingConstraint, Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
+
+/// A straight needle, with a bevel or without.
+#[derive(Clone, Debug)]
+pub struct Rigid {
+    chain: Chain,
+    radius_mm: f64,
+}
+
+impl Rigid {
+    /// A needle of this size.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`].
+    pub fn new(shaft: Shaft, bevel: Option<Bevel>) -> Result<Self, InvalidNeedleModel> {
+        shaft.check()?;
+        bevel.map_or(Ok(()), |bevel| bevel.check(&shaft))?;
+        Ok(Self {
+            chain: Chain::new(shaft.length_mm, &[], bevel.as_ref()),
+            radius_mm: shaft.radius_mm,
+        })
+    }
+}
+
+impl Needle for Rigid {
+    fn length_mm(&self) -> f64 {
+        self.chain.length_mm()
+    }
+
+    fn radius_mm(&self) -> f64 {
+        self.radius_mm
+    }
+
+    fn is_flexible(&self) -> bool {
+        false
+    }
+
+    fn place(&mut self, base: &Isometry3<f64>, _entry: Option<&Entry>, _loads: &[Load], line: &mut CentreLine) {
+        self.chain.place(base, line, |_, _| Vector3::zeros());
+    }
+
+    fn flexibility(&mut self, _line: &CentreLine, _rows: &[Row], _out: &mut Mat<f64>) {}
+}
+
+/// A straight needle whose inserted part is held near the direction in which it entered (training system paper, section
+/// 2.3): from the base straight to the entry point, from there on along the constrained direction for the length that
+/// remains. Straight along the base as long as it is not in the body, or too short to reach the entry point.
+#[derive(Clone, Debug)]
+pub struct Constrained {
+    shaft: Shaft,
+    constraint: BendingConstraint,
+}
+
+impl Constrained {
+    /// A needle of this size, held like this.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`].
+    pub fn new(shaft: Shaft, constraint: BendingConstraint) -> Result<Self, InvalidNeedleModel> {
+        shaft.check()?;
+        for (key, found, [low, high]) in constraint.ranges() {
+            check(key, found, (low..=high).contains(&found), format!("{low} to {high}"))?;
+        }
+        Ok(Self { shaft, constraint })
+    }
+}
+
+impl Needle for Constrained {
+    fn length_mm(&self) -> f64 {
+        self.shaft.length_mm
+    }
+
+    fn radius_mm(&self) -> f64 {
+        self.shaft.radius_mm
+    }
+
+    fn is_flexible(&self) -> bool {
+        false
+    }
+
+    fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, _loads: &[Load], line: &mut CentreLine) {
+        let (hub, length) = (Point3::from(base.translation.vector), self.shaft.length_mm);
+        let measured = Unit::new_normalize(base.rotation * Vector3::z());
+        let outside = entry.map_or(0.0, |entry| (entry.point_mm - hub).norm());
+        let inserted = length - outside;
+        match entry {
+            // Not with nodes in one place.
+            Some(entry) if outside > LEAST_MM && inserted > LEAST_MM => {
+                let held = self.constraint.direction(&entry.direction, &measured, inserted);
+                let tip = entry.point_mm + held.scale(inserted);
+                line.set([(0.0, hub), (outside, entry.point_mm), (length, tip)]);
+            }
+            _ => line.set([(0.0, hub), (length, hub + measured.scale(length))]),
+        }
+    }
+
+    fn flexibility(&mut self, _line: &CentreLine, _rows: &[Row], _out: &mut Mat<f64>) {}
+}
+
+/// Parts of the shaft shorter than this have no direction, mm.
+const LEAST_MM: f64 = 1e-6;
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Translation3, UnitQuaternion};
+
+    use super::*;
+
+    fn slanted() -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3);
+        Isometry3::from_parts(Translation3::new(31.0, -70.0, 12.5), turn)
+    }
+
+    #[test]
+    fn no_force_bends_a_rigid_needle_and_its_bevel_rolls_with_the_base() {
+        let bevel = Bevel {
+            r_mm: 0.6,
+            length_mm: 3.0,
+        };
+        let loads = [Load {
+            arc_mm: 200.0,
+            force_n: Vector3::new(9.0, 0.0, 0.0),
+        }];
+        let mut needle = Rigid::new(Shaft::default(), Some(bevel)).expect("needle");
+        let mut line = CentreLine::default();
+        for roll in [0.0, 1.0, std::f64::consts::PI] {
+            let base = slanted() * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+            needle.place(&base, None, &loads, &mut line);
+            assert_eq!(line.nodes().len(), 3);
+            let (sine, cosine) = roll.sin_cos();
+            let tip = Point3::new(0.6 * cosine, 0.6 * sine, 197.0 + (9.0f64 - 0.36).sqrt());
+            assert!((line.tip() - slanted() * tip).norm() < 1e-12);
+        }
+        let mut out = Mat::zeros(1, 1);
+        let row = Row {
+            arc_mm: 100.0,
+            direction: Vector3::x(),
+        };
+        needle.flexibility(&line, &[row], &mut out);
+        assert_eq!((out[(0, 0)], needle.is_flexible()), (0.0, false));
+    }
+
+    #[test]
+    fn a_constrained_needle_passes_its_entry_and_keeps_its_length() {
+        let constraint = BendingConstraint::default();
+        let mut needle = Constrained::new(Shaft::default(), constraint).expect("needle");
+        let (base, mut line) = (slanted(), CentreLine::default());
+        let measured = Unit::new_normalize(base.rotation * Vector3::z());
+        needle.place(&base, None, &[], &mut line);
+        assert!((line.tip() - base * Point3::new(0.0, 0.0, 200.0)).norm() < 1e-12);
+        let entry = Entry {
+            point_mm: base * Point3::new(6.0, 0.0, 40.0),
+            direction: Unit::new_normalize(base.rotation * Vector3::new(0.2, 0.0, 1.0)),
+        };
+        needle.place(&base, Some(&entry), &[], &mut line);
+        let outside = 6.0f64.hypot(40.0);
+        let (arc, middle) = line.nodes()[1];
+        assert!((arc - outside).abs() < 1e-12 && middle == entry.point_mm);
+        let held = constraint.direction(&entry.direction, &measured, 200.0 - outside);
+        assert!((line.tip() - (entry.point_mm + held.scale(200.0 - outside))).norm() < 1e-12);
+        assert!(held.angle(&entry.direction) < held.angle(&measured));
+        // Too short, or held at the entry: straight.
+        for point in [Point3::new(0.0, 0.0, 200.0), Point3::origin()] {
+            let entry = Entry {
+                point_mm: base * point,
+                ..entry
+            };
+            needle.place(&base, Some(&entry), &[], &mut line);
+            assert_eq!(line.nodes().len(), 2);
+        }
+    }
+
+    #[test]
+    fn a_constraint_out_of_range_is_named() {
+        let constraint = BendingConstraint {
+            delta_mm: f64::NAN,
+            ..BendingConstraint::default()
+        };
+        let error = Constrained::new(Shaft::default(), constraint).expect_err("no number");
+        assert_eq!((error.key, error.expected.as_str()), ("delta_mm", "0 to 1000"));
+        let shaft = Shaft {
+            radius_mm: 6.0,
+            ..Shaft::default()
+        };
+        assert_eq!(Rigid::new(shaft, None).expect_err("too thick").key, "radius_mm");
+    }
+}

@@ -1,0 +1,99 @@
+//! The size of a needle and of its bevel.
+
+use nalgebra::Vector3;
+
+/// A number that no needle can have.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("needle key `{key}` is {found}; expected {expected}")]
+pub struct InvalidNeedleModel {
+    /// The field.
+    pub key: &'static str,
+    /// As given.
+    pub found: f64,
+    /// Its range.
+    pub expected: String,
+}
+
+/// Refuses `found` unless `holds`.
+pub(super) fn check(
+    key: &'static str,
+    found: f64,
+    holds: bool,
+    expected: impl Into<String>,
+) -> Result<(), InvalidNeedleModel> {
+    if found.is_finite() && holds {
+        Ok(())
+    } else {
+        let expected = expected.into();
+        Err(InvalidNeedleModel { key, found, expected })
+    }
+}
+
+/// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (haptic simulator paper,
+/// sections III-C and V).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shaft {
+    /// From base to tip, mm (0.1 to 1000).
+    pub length_mm: f64,
+    /// mm (0.025 to 5).
+    pub radius_mm: f64,
+}
+
+impl Default for Shaft {
+    fn default() -> Self {
+        Self {
+            length_mm: 200.0,
+            radius_mm: 0.64,
+        }
+    }
+}
+
+impl Shaft {
+    /// Checks both numbers against their ranges.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`].
+    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+        let (length, radius) = (self.length_mm, self.radius_mm);
+        check("length_mm", length, (0.1..=1000.0).contains(&length), "0.1 to 1000")?;
+        check("radius_mm", radius, (0.025..=5.0).contains(&radius), "0.025 to 5")
+    }
+}
+
+/// The bevel of a needle's tip, as a tilt of the last part of its centre line (haptic simulator paper, section III-C).
+///
+/// Tissue is cut at the edge of the tip, which lies off the centre line. What was cut there then slides onto the centre line,
+/// so it is pulled to one side, away from the edge; its elastic answer pushes the needle the other way, towards the edge, and
+/// a flexible needle follows. The tip is put `r_mm` off the centre line towards +x of the frame of the last link, which is
+/// the side that the needle deflects to: roll of the base steers it, for the shaft has no torsion.
+///
+/// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is no measure of the needle but is fitted:
+/// the paper finds 0.6 mm for a brachytherapy needle of 0.64 mm radius.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bevel {
+    /// Distance of the tip from the centre line, mm (0 to 5, below `length_mm`). With 0 the needle has no bevel.
+    pub r_mm: f64,
+    /// Length of the tilted part, mm (above 0, at most that of the needle).
+    pub length_mm: f64,
+}
+
+impl Bevel {
+    /// Checks both numbers against their ranges, for a needle.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`].
+    pub fn check(&self, shaft: &Shaft) -> Result<(), InvalidNeedleModel> {
+        let (r, length) = (self.r_mm, self.length_mm);
+        let fits = length > 0.0 && length <= shaft.length_mm;
+        let expected = "above 0, at most the length of the needle";
+        check("bevel_length_mm", length, fits, expected)?;
+        let holds = (0.0..=5.0).contains(&r) && r < length;
+        check("bevel_r_mm", r, holds, "0 to 5, below the length of the bevel")
+    }
+
+    /// The direction of the tilted part in the frame of its link.
+    pub(super) fn direction(&self) -> Vector3<f64> {
+        let sine = self.r_mm / self.length_mm;
+        Vector3::new(sine, 0.0, (1.0 - sine * sine).sqrt())
+    }
+}

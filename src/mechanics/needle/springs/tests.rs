@@ -1,0 +1,413 @@
+use std::f64::consts::PI;
+
+use nalgebra::{DMatrix, SymmetricEigen, Translation3, UnitQuaternion};
+
+use super::*;
+
+const LENGTH: f64 = 200.0;
+
+fn needle(link_mm: f64, bevel: Option<Bevel>) -> Springs {
+    Springs::new(Shaft::default(), Stiffness::default(), link_mm, bevel).expect("needle")
+}
+
+fn load(arc_mm: f64, force: [f64; 3]) -> Load {
+    Load {
+        arc_mm,
+        force_n: force.into(),
+    }
+}
+
+/// Places until nothing moves; how often that took.
+fn settle(needle: &mut Springs, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
+    for count in 1..=200 {
+        let before = line.clone();
+        needle.place(base, None, loads, line);
+        if line.distance(&before) < 1e-9 {
+            return count;
+        }
+    }
+    panic!("does not settle");
+}
+
+fn slanted() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3);
+    Isometry3::from_parts(Translation3::new(31.0, -70.0, 12.5), turn)
+}
+
+fn rows() -> Vec<Row> {
+    let arcs = [200.0, 12.0, 150.0, 100.0, 103.0, 60.0, 195.5, 0.0];
+    let directions = [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.36, 0.48, -0.8]];
+    let row = |arc_mm| {
+        directions.map(|direction| Row {
+            arc_mm,
+            direction: direction.into(),
+        })
+    };
+    arcs.into_iter().flat_map(row).collect()
+}
+
+fn flexibility(needle: &mut Springs, line: &CentreLine, rows: &[Row]) -> Mat<f64> {
+    let mut out = Mat::zeros(rows.len(), rows.len());
+    needle.flexibility(line, rows, &mut out);
+    out
+}
+
+/// Deflections follow the closed forms of a cantilever, less what the midpoint rule leaves out of their integrals: exactly
+/// h^2/12 times the smaller of the two arcs, for where the force acts and where it is watched are ends of parts.
+#[test]
+fn a_cantilever_bends_as_the_beam() {
+    let stiffness = 10.7 * 180.0 / PI * 10.0;
+    // Small: what lines of finite angles add is (deflection / length)^2 of it, 1e-9.
+    let force = 1e-5;
+    for link in [10.0, 5.0, 2.5] {
+        for (at, seen) in [
+            (200.0, 200.0),
+            (100.0, 200.0),
+            (200.0, 100.0),
+            (60.0, 40.0),
+            (40.0, 60.0),
+        ] {
+            let (near, far) = (f64::min(at, seen), f64::max(at, seen));
+            let beam = force * near * near * (3.0 * far - near) / (6.0 * stiffness);
+            let less = force * link * link * near / (12.0 * stiffness);
+            let (mut needle, mut line) = (needle(link, None), CentreLine::default());
+            let loads = [load(at, [0.0, force, 0.0])];
+            settle(&mut needle, &Isometry3::identity(), &loads, &mut line);
+            let found = line.at(seen).point_mm.y;
+            assert!(
+                (found - (beam - less)).abs() < 1e-7 * beam,
+                "{link} {at} {seen}: {found} {beam}"
+            );
+        }
+    }
+    let share = 10.0 * 10.0 / (4.0 * LENGTH * LENGTH);
+    assert!(share < 1e-3, "of the tip's deflection for the paper's links");
+}
+
+#[test]
+fn link_lengths_and_both_ways_to_give_stiffness_agree() {
+    let stiffness = Stiffness::default().bending_nmm2();
+    assert!((stiffness - 6.13e3).abs() < 1.0);
+    let mut lines = [Stiffness::KappaNmmPerDeg(10.7), Stiffness::BendingNmm2(stiffness)].map(|stiffness| {
+        let mut line = CentreLine::default();
+        let mut needle = Springs::new(Shaft::default(), stiffness, 8.0, None).expect("needle");
+        assert_eq!(needle.chain.joints().len(), 25);
+        needle.place(&slanted(), None, &[load(180.0, [0.1, 0.2, 0.0])], &mut line);
+        line
+    });
+    assert!(lines[0].distance(&lines[1]) < 1e-12);
+    // One joint, its spring by the torque that turns it by a degree.
+    let degree = 10.7 / 5.0;
+    let shaft = Shaft {
+        length_mm: 10.0,
+        ..Shaft::default()
+    };
+    let mut single = Springs::new(shaft, Stiffness::default(), 10.0, None).expect("needle");
+    single.place(
+        &Isometry3::identity(),
+        None,
+        &[load(10.0, [degree, 0.0, 0.0])],
+        &mut lines[0],
+    );
+    let tilt = lines[0].at(10.0).tangent.x.asin().to_degrees();
+    assert!((tilt - 1.0).abs() < 1e-12, "{tilt}");
+}
+
+/// About the straight needle exactly, about a bent one but for terms of the order of its bend.
+#[test]
+fn flexibility_is_what_forces_move() {
+    for (bend, tolerance) in [(0.0, 1e-6), (0.04, 0.2)] {
+        let bevel = Bevel {
+            r_mm: 0.6,
+            length_mm: 4.0,
+        };
+        let (mut needle, base, rows) = (needle(10.0, Some(bevel)), slanted(), rows());
+        let mut loads = vec![load(200.0, [bend, 0.0, -bend]), load(120.0, [0.0, bend, 0.0])];
+        let mut line = CentreLine::default();
+        settle(&mut needle, &base, &loads, &mut line);
+        let turned = line.at(0.0).tangent.angle(&line.at(190.0).tangent);
+        assert!((bend == 0.0) == (turned < 1e-9) && turned <= tolerance, "{turned}");
+        let found = flexibility(&mut needle, &line, &rows);
+        let size = rows.len();
+        let largest = (0..size).map(|i| found[(i, i)]).fold(0.0, f64::max);
+        for (j, row) in rows.iter().enumerate() {
+            let step = 1e-4;
+            let mut moved = |force: f64| {
+                loads.push(load(row.arc_mm, (row.direction * force).into()));
+                let mut line = line.clone();
+                needle.place(&base, None, &loads, &mut line);
+                loads.pop();
+                line
+            };
+            let [plus, minus] = [step, -step].map(&mut moved);
+            for (i, row) in rows.iter().enumerate() {
+                let difference = plus.at(row.arc_mm).point_mm - minus.at(row.arc_mm).point_mm;
+                let expected = difference.dot(&row.direction) / (2.0 * step);
+                let error = (found[(i, j)] - expected).abs();
+                assert!(error <= tolerance * largest, "{i} {j}: {} {expected}", found[(i, j)]);
+            }
+        }
+    }
+}
+
+#[test]
+fn flexibility_is_symmetric_and_positive_semidefinite() {
+    let (mut needle, rows) = (needle(10.0, None), rows());
+    let mut line = CentreLine::default();
+    settle(&mut needle, &slanted(), &[load(200.0, [0.2, 0.1, 0.0])], &mut line);
+    let found = flexibility(&mut needle, &line, &rows);
+    let size = rows.len();
+    let dense = DMatrix::from_fn(size, size, |i, j| found[(i, j)]);
+    assert_eq!(dense, dense.transpose());
+    let values = SymmetricEigen::new(dense).eigenvalues;
+    // Rounding of the sums (40 terms) and of the eigenvalues.
+    let rounding = 100.0 * size as f64 * f64::EPSILON * values.max();
+    assert!(values.max() > 1.0 && values.min() > -rounding, "{values}");
+    // It adds, and to the line of this needle only.
+    let mut twice = found.clone();
+    needle.flexibility(&line, &rows, &mut twice);
+    assert_eq!(twice, &found * faer::Scale(2.0));
+    line.set([(0.0, Point3::origin()), (LENGTH, Point3::new(0.0, 0.0, LENGTH))]);
+    needle.flexibility(&line, &rows, &mut twice);
+    assert_eq!(twice, &found * faer::Scale(2.0));
+}
+
+#[test]
+fn a_turned_and_moved_base_turns_and_moves_all() {
+    let bevel = Some(Bevel {
+        r_mm: 0.6,
+        length_mm: 25.0,
+    });
+    let (mut needle, motion) = (needle(10.0, bevel), slanted());
+    let loads = [load(199.0, [0.2, -0.1, 0.05]), load(90.0, [0.0, 0.3, 0.0])];
+    let turned = loads.map(|load| Load {
+        force_n: motion.rotation * load.force_n,
+        ..load
+    });
+    let [mut here, mut there] = [CentreLine::default(), CentreLine::default()];
+    settle(&mut needle, &Isometry3::identity(), &loads, &mut here);
+    settle(&mut needle, &motion, &turned, &mut there);
+    let mut moved = CentreLine::default();
+    moved.set(here.nodes().iter().map(|&(arc, point)| (arc, motion * point)));
+    assert!(there.distance(&moved) < 1e-8, "{}", there.distance(&moved));
+}
+
+/// The frame at the tip is the base's, carried along by the smallest rotation from link to link.
+#[test]
+fn there_is_no_torsion() {
+    let bevel = Some(Bevel {
+        r_mm: 0.6,
+        length_mm: 4.0,
+    });
+    let (mut needle, base) = (needle(10.0, bevel), slanted());
+    // Bends in two planes, so that frames with torsion would roll.
+    let loads = [load(190.0, [0.2, -0.1, 0.05]), load(90.0, [-0.4, 0.9, 0.3])];
+    let offsets = [0.0, 1.0, PI].map(|roll| {
+        let rolled = base * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+        let mut line = CentreLine::default();
+        settle(&mut needle, &rolled, &loads, &mut line);
+        let nodes = line.nodes();
+        let mut carried = rolled.rotation * Vector3::x();
+        let mut before = rolled.rotation * Vector3::z();
+        for pair in nodes[..nodes.len() - 1].windows(2) {
+            let along = (pair[1].1 - pair[0].1).normalize();
+            let turn = UnitQuaternion::rotation_between(&before, &along).expect("no reversal");
+            (carried, before) = (turn * carried, along);
+        }
+        let end = nodes[nodes.len() - 2];
+        let offset = line.tip() - (end.1 + before * (16.0f64 - 0.36).sqrt());
+        assert!((offset - carried * 0.6).norm() < 1e-9, "{offset} {carried}");
+        offset
+    });
+    assert!((offsets[0] + offsets[2]).norm() < 1e-9);
+    assert!((offsets[0].angle(&offsets[1]) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn no_force_tears_it() {
+    let bevel = Some(Bevel {
+        r_mm: 0.6,
+        length_mm: 4.0,
+    });
+    for force in [1.0, 1e3, 1e30, 1e155, f64::MAX] {
+        let (mut needle, mut line) = (needle(10.0, bevel), CentreLine::default());
+        let loads = [
+            load(200.0, [force, -force, 0.0]),
+            load(77.0, [0.0, force, force]),
+            load(30.0, [-force; 3]),
+        ];
+        for _ in 0..5 {
+            needle.place(&slanted(), None, &loads, &mut line);
+            let links = line.nodes().windows(2);
+            let directions: Vec<_> = links
+                .map(|pair| {
+                    let along = pair[1].1 - pair[0].1;
+                    assert!(
+                        (along.norm() - (pair[1].0 - pair[0].0)).abs() < 1e-12,
+                        "{force}: {along}"
+                    );
+                    along
+                })
+                .collect();
+            for pair in directions.windows(2) {
+                assert!(pair[0].angle(&pair[1]) < MAX_TURN + 1e-7, "{force}");
+            }
+        }
+    }
+}
+
+/// Under a force along the shaft, a call more reduces what is left by the force's share of the one that buckles the needle.
+#[test]
+fn it_settles() {
+    let (base, stiffness) = (Isometry3::identity(), Stiffness::default().bending_nmm2());
+    let buckling = PI * PI * stiffness / (4.0 * LENGTH * LENGTH);
+    for share in [0.1, 0.3, 0.5] {
+        let (mut needle, mut line) = (needle(10.0, None), CentreLine::default());
+        let loads = [load(LENGTH, [0.02, 0.0, -share * buckling])];
+        let count = settle(&mut needle, &base, &loads, &mut line);
+        // From 8.7 mm to 1e-9; the discrete needle buckles at a little less.
+        let expected = (1e-9f64 / 8.7).ln() / share.ln();
+        assert!((count as f64) < 1.1 * expected + 2.0, "{share}: {count} {expected}");
+        // Beam columns deflect by 1 / (1 - share) more, to 2 % (the shape is not quite that of buckling).
+        let straight = 0.02 * LENGTH.powi(3) / (3.0 * stiffness);
+        let column = line.tip().x / straight;
+        assert!((column * (1.0 - share) - 1.0).abs() < 0.02, "{share}: {column}");
+        let settled = line.clone();
+        needle.place(&base, None, &loads, &mut line);
+        assert!(line.distance(&settled) < 1e-9);
+    }
+}
+
+#[test]
+fn without_loads_it_is_straight_to_the_bit() {
+    let (mut needle, base) = (needle(7.0, None), slanted());
+    let mut line = CentreLine::default();
+    settle(&mut needle, &base, &[load(200.0, [0.1, 0.1, 0.1])], &mut line);
+    for _ in 0..2 {
+        needle.place(&base, None, &[load(150.0, [0.0; 3])], &mut line);
+        let along = base.rotation * Vector3::z();
+        for &(arc, point) in line.nodes() {
+            assert_eq!(point, Point3::from(base.translation.vector) + along * arc);
+        }
+    }
+}
+
+#[test]
+fn a_bevel_tilts_the_last_part() {
+    let loads = [load(195.0, [0.1, 0.0, 0.0])];
+    let place = |bevel| {
+        let (mut needle, mut line) = (needle(10.0, bevel), CentreLine::default());
+        settle(&mut needle, &slanted(), &loads, &mut line);
+        line
+    };
+    let plain = place(None);
+    let zero = place(Some(Bevel {
+        r_mm: 0.0,
+        length_mm: 4.0,
+    }));
+    assert_eq!(zero, plain);
+    // Within the last link, from a joint on, over several links, all of it.
+    for (length_mm, nodes) in [(4.0, 23), (5.0, 22), (33.0, 23), (200.0, 22)] {
+        let bevel = Bevel { r_mm: 0.6, length_mm };
+        let (mut needle, mut line) = (needle(10.0, Some(bevel)), CentreLine::default());
+        needle.place(&Isometry3::identity(), None, &[], &mut line);
+        assert_eq!(line.nodes().len(), nodes);
+        let start = line.at(LENGTH - length_mm).point_mm;
+        assert!((start - Point3::new(0.0, 0.0, LENGTH - length_mm)).norm() < 1e-12);
+        assert!((line.tip().x - 0.6).abs() < 1e-12 && line.tip().y == 0.0);
+        assert!(((line.tip() - start).norm() - length_mm).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn numbers_out_of_range_are_named() {
+    let (shaft, bevel) = (
+        Shaft::default(),
+        Bevel {
+            r_mm: 0.6,
+            length_mm: 4.0,
+        },
+    );
+    let stiff = Stiffness::default();
+    let spoiled = [
+        (
+            "length_mm",
+            Shaft {
+                length_mm: f64::NAN,
+                ..shaft
+            },
+            stiff,
+            10.0,
+            bevel,
+        ),
+        (
+            "radius_mm",
+            Shaft {
+                radius_mm: 0.0,
+                ..shaft
+            },
+            stiff,
+            10.0,
+            bevel,
+        ),
+        ("kappa_nmm_per_deg", shaft, Stiffness::KappaNmmPerDeg(0.0), 10.0, bevel),
+        (
+            "bending_stiffness_nmm2",
+            shaft,
+            Stiffness::BendingNmm2(f64::INFINITY),
+            10.0,
+            bevel,
+        ),
+        ("link_mm", shaft, stiff, 201.0, bevel),
+        ("link_mm", shaft, stiff, 0.1, bevel),
+        ("link_mm", shaft, stiff, -10.0, bevel),
+        (
+            "bevel_r_mm",
+            shaft,
+            stiff,
+            10.0,
+            Bevel {
+                r_mm: 5.1,
+                length_mm: 9.0,
+            },
+        ),
+        (
+            "bevel_r_mm",
+            shaft,
+            stiff,
+            10.0,
+            Bevel {
+                r_mm: 0.6,
+                length_mm: 0.6,
+            },
+        ),
+        (
+            "bevel_length_mm",
+            shaft,
+            stiff,
+            10.0,
+            Bevel {
+                r_mm: 0.0,
+                length_mm: 0.0,
+            },
+        ),
+        (
+            "bevel_length_mm",
+            shaft,
+            stiff,
+            10.0,
+            Bevel {
+                r_mm: 0.6,
+                length_mm: 201.0,
+            },
+        ),
+    ];
+    for (key, shaft, stiffness, link_mm, bevel) in spoiled {
+        let error = Springs::new(shaft, stiffness, link_mm, Some(bevel)).expect_err(key);
+        assert_eq!(error.key, key);
+        assert!(
+            error.to_string().starts_with(&format!("needle key `{key}` is ")),
+            "{error}"
+        );
+    }
+}
