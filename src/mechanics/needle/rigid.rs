@@ -185,6 +185,7 @@ mod tests {
         };
         let error = Constrained::new(Shaft::default(), constraint).expect_err("no number");
         assert_eq!((error.key, error.expected.as_str()), ("delta_mm", "0 to 1000"));
+        assert!(error.found.is_nan());
         let shaft = Shaft {
             radius_mm: 6.0,
             ..Shaft::default()
