@@ -4,14 +4,14 @@ use nalgebra::{Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Holds the inserted part of a needle near the direction in which it entered, since tissue does, while the sensor at its
-/// hub follows the hand.
+/// Holds the inserted part of a needle near the direction in which it entered, since tissue does, while the sensor at
+/// its hub follows the hand.
 ///
-/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
-/// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
-/// system for ultrasound-guided needle insertion that the imaging model follows). That paper gives 0.9, 60 and 0.12 without
-/// units: they suit a length in metres, so that bending is free at first and held from about 120 mm on. Here lengths
-/// are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
+/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured
+/// one `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the
+/// training system for ultrasound-guided needle insertion that the imaging model follows). That paper gives 0.9, 60 and
+/// 0.12 without units: they suit a length in metres, so that bending is free at first and held from about 120 mm on.
+/// Here lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BendingConstraint {

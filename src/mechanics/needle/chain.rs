@@ -67,8 +67,8 @@ impl Chain {
         line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
     }
 
-    /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for the
-    /// direction of the link before it; frames are carried along by these rotations alone.
+    /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for
+    /// the direction of the link before it; frames are carried along by these rotations alone.
     pub(super) fn place(
         &mut self,
         base: &Isometry3<f64>,

@@ -27,16 +27,16 @@ const MAX_FORCE_N: f64 = 1e60;
 /// How hard a needle is to bend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
-    /// Torque by angle of a joint between links of [`LINK_MM`], N mm per degree (above 0). Joints of links of other lengths
-    /// get the stiffness that bends the needle alike.
+    /// Torque by angle of a joint between links of [`LINK_MM`], N mm per degree (1e-6 to 1e12). Joints of links of other
+    /// lengths get the stiffness that bends the needle alike.
     KappaNmmPerDeg(f64),
-    /// Bending stiffness EI of the shaft, N mm^2 (above 0).
+    /// Bending stiffness EI of the shaft, N mm^2 (1e-6 to 1e12).
     BendingNmm2(f64),
 }
 
 impl Default for Stiffness {
-    /// A brachytherapy needle: 10.7 N mm per degree (haptic simulator paper, section III-B), an EI of 6.13e3 N mm^2. That is
-    /// about a quarter of what a solid steel rod of the same radius has.
+    /// A brachytherapy needle: 10.7 N mm per degree (haptic simulator paper, section III-B), an EI of 6.13e3 N mm^2.
+    /// That is about a quarter of what a solid steel rod of the same radius has.
     fn default() -> Self {
         Stiffness::KappaNmmPerDeg(10.7)
     }
@@ -62,15 +62,15 @@ impl Stiffness {
 
 /// A needle of rigid links joined by universal joints with angular springs (haptic simulator paper, section III-B).
 ///
-/// Each joint turns by the torque of all forces between it and the tip, without its part along the shaft, over the stiffness of
-/// its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along the shaft by these
-/// rotations alone.
+/// Each joint turns by the torque of all forces between it and the tip, without its part along the shaft, over the
+/// stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along
+/// the shaft by these rotations alone.
 ///
-/// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are `h` long but
-/// the first and the last, half of it. This is the midpoint rule for the integrals of beam theory: deflections differ
-/// from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by h^2 / (4 L^2) of the whole (0.06 % for
-/// the paper's 20 links of 10 mm). Joints between the parts, half as stiff at the base, would be the trapezoidal rule: of
-/// the same order, with twice the error.
+/// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are
+/// `h` long but the first and the last, half of it. This is the midpoint rule for the integrals of beam theory:
+/// deflections differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by h^2 / (4 L^2)
+/// of the whole (0.06 % for the paper's 20 links of 10 mm). Joints between the parts, half as stiff at the base, would
+/// be the trapezoidal rule: of the same order, with twice the error.
 ///
 /// A joint turns by at most 45 degrees.
 #[derive(Clone, Debug)]
@@ -98,7 +98,8 @@ struct Twist {
 }
 
 impl Springs {
-    /// A needle of links about `link_mm` long (above 0, at most the needle, at most 1000 links): as many as make up its length.
+    /// A needle of links about `link_mm` long (above 0, at most the needle, at most 1000 links): as many as make up its
+    /// length.
     ///
     /// # Errors
     /// [`InvalidNeedleModel`].

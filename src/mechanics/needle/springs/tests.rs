@@ -52,8 +52,9 @@ fn flexibility(needle: &mut Springs, line: &CentreLine, rows: &[Row]) -> Mat<f64
     out
 }
 
-/// Deflections follow the closed forms of a cantilever, less what the midpoint rule leaves out of their integrals: exactly
-/// h^2/12 times the smaller of the two arcs, for where the force acts and where it is watched are ends of parts.
+/// Deflections follow the closed forms of a cantilever, less what the midpoint rule leaves out of their integrals:
+/// exactly h^2/12 times the smaller of the two arcs, for where the force acts and where it is watched are ends of
+/// parts.
 #[test]
 fn a_cantilever_bends_as_the_beam() {
     let stiffness = 10.7 * 180.0 / PI * 10.0;
@@ -200,8 +201,8 @@ fn there_is_no_torsion() {
         length_mm: 4.0,
     });
     let (mut needle, base) = (needle(10.0, bevel), slanted());
-    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere have none
-    // once all is at rest, for torsion is constant along a round rod.
+    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere
+    // have none once all is at rest, for torsion is constant along a round rod.
     let loads = |arc_mm| [load(arc_mm, [0.2, -0.1, 0.05]), load(90.0, [-0.4, 0.9, 0.3])];
     let mut offset = |roll, loads: [Load; 2]| {
         let rolled = base * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
@@ -259,7 +260,8 @@ fn no_force_tears_it() {
     }
 }
 
-/// Under a force along the shaft, a call more reduces what is left by the force's share of the one that buckles the needle.
+/// Under a force along the shaft, a call more reduces what is left by the force's share of the one that buckles the
+/// needle.
 #[test]
 fn it_settles() {
     let (base, stiffness) = (Isometry3::identity(), Stiffness::default().bending_nmm2());
