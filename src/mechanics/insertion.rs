@@ -22,6 +22,9 @@ pub struct Instruments {
     pub base: Isometry3<f64>,
     /// Probe frame to world, if a probe presses.
     pub probe: Option<Isometry3<f64>>,
+    /// A hole that the needle runs through, as that of a template: a point in its way, mm. It holds a needle that bends across its
+    /// shaft and lets it slide.
+    pub guide: Option<Point3<f64>>,
     /// Leaves a seed at the tip at the end of this step.
     pub deposit: bool,
 }

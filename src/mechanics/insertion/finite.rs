@@ -56,9 +56,13 @@ pub struct Finite {
     base: Option<Isometry3<f64>>,
     line: CentreLine,
     entry: Option<Entry>,
+    /// The hole that the needle runs through, mm.
+    guide: Option<Point3<f64>>,
     contacts: Vec<Contact>,
-    /// On the tissue at each contact, N.
+    /// On the tissue at each contact, at the tip and on the guide, N.
     forces: Vec<Vector3<f64>>,
+    /// Whether the last two are there.
+    laid: [bool; 2],
     tip: Tip,
     seeds: Vec<Point3<f64>>,
     outcome: Outcome,
@@ -79,6 +83,7 @@ pub struct Finite {
 #[derive(Debug, Default)]
 struct Memory {
     starts: Vec<f64>,
+    arcs: Vec<f64>,
     loads: Vec<Load>,
     rows: Vec<Row>,
     before: CentreLine,
@@ -145,7 +150,8 @@ impl Finite {
         let needle = self.forces.iter().take(self.contacts.len());
         forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
         forces.resize(forces.len() + 3 * self.tip.corners.len(), 0.0);
-        if let (Some(row), Some(force)) = (&self.tip.row, self.forces.get(self.contacts.len())) {
+        if let (Some(row), [true, _]) = (&self.tip.row, self.laid) {
+            let force = self.forces[self.contacts.len()];
             for (node, share) in row.shares {
                 (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
             }
@@ -166,8 +172,7 @@ impl Finite {
         let mut on_hand = Wrench::default();
         let tip = self.line.tip();
         for (at, force) in self.forces.iter().enumerate() {
-            let contact = self.contacts.get(at);
-            let place = contact.map_or(tip, |contact| contact.reference + self.joint.displacement(at));
+            let place = self.line.at(self.memory.arcs[at]).point_mm;
             on_hand.add(-force, &place, &about);
         }
         on_hand.add(self.tip.bone_force(&self.line), &tip, &about);
@@ -218,6 +223,9 @@ impl Model for Finite {
         if let Some(probe) = &instruments.probe {
             finite("the pose of the probe", numbers(probe))?;
         }
+        if let Some(guide) = &instruments.guide {
+            finite("the guide of a step", guide.iter().copied())?;
+        }
         if !(dt_s.is_finite() && dt_s > 0.0) {
             return Err(StepError::Input {
                 what: "the time",
@@ -228,6 +236,7 @@ impl Model for Finite {
         self.steps += 1;
         self.time_s += dt_s;
         self.outcome.begin();
+        self.guide = instruments.guide;
         self.travel(&instruments.base, instruments.probe.as_ref());
         if instruments.deposit {
             self.deposit();

@@ -8,8 +8,8 @@
 //! ```
 //!
 //! so the probe is eliminated once for every compliance at the contacts and every placement of its rows. The needle yields too:
-//! its line moves by -C (F - F_before) across itself, C its flexibility. A node across the shaft lies on the line, and along it
-//! either holds its place or is pushed with the friction there is:
+//! its line moves by -C (F - F_before), C its flexibility. A node across the shaft lies on the line, and along it either holds its
+//! place or is pushed with the friction there is:
 //!
 //! ```text
 //! n . (X + u) = n . (x_line - C (F - F_before))
@@ -51,8 +51,8 @@ pub(super) struct TipRow {
     pub slider: Slider,
 }
 
-/// The contacts as a system of equations: the needle's, each with three degrees of freedom, and behind them the tissue at the tip.
-/// The memory is kept.
+/// The contacts as a system of equations: the needle's, each with three degrees of freedom, behind them the tissue at the tip, and
+/// last a guide that does not yield. The memory is kept.
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     probe_rows: Vec<ProbeRow>,
@@ -70,6 +70,8 @@ pub(super) struct Joint {
     /// Contacts of the needle before the tissue at the tip.
     contacts: usize,
     has_tip: bool,
+    /// A hole that the needle runs through, mm.
+    guide: Option<Point3<f64>>,
     /// The compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
@@ -174,17 +176,35 @@ impl Joint {
         dependent
     }
 
-    /// Puts the tissue at the tip behind the contacts, or takes it away. The compliance is that of the last
-    /// [`condense`](Self::condense).
-    pub fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
-        self.has_tip = tip.is_some();
+    /// Puts the tissue at the tip behind the contacts, and a guide behind that, or takes them away. The compliance is that of the
+    /// last [`condense`](Self::condense).
+    pub fn set_tip(
+        &mut self,
+        condensed: MatRef<'_, f64>,
+        probes: usize,
+        tip: Option<&TipRow>,
+        guide: Option<Point3<f64>>,
+    ) {
+        (self.has_tip, self.guide) = (tip.is_some(), guide);
+        self.clear_rest();
         let members = Members {
             condensed,
             probes,
             contacts: self.contacts,
             tip,
         };
-        (3 * self.contacts..3 * self.nodes()).for_each(|column| self.fill(&members, column));
+        (3 * self.contacts..3 * self.yielding()).for_each(|column| self.fill(&members, column));
+    }
+
+    /// Nothing behind the contacts yields.
+    fn clear_rest(&mut self) {
+        let (n, p, room) = (3 * self.contacts, self.probe_rows.len(), self.room());
+        self.coupling[n * p..].fill(0.0);
+        self.answer[n * p..].fill(0.0);
+        for column in 0..room {
+            let from = if column < n { n } else { 0 };
+            self.compliance[column * room + from..(column + 1) * room].fill(0.0);
+        }
     }
 
     /// Computes a column, and its row, up to the diagonal.
@@ -206,13 +226,19 @@ impl Joint {
         }
     }
 
-    /// Rows that there is room for: those of the contacts and of the tip.
+    /// Rows that there is room for: those of the contacts, of the tip and of a guide.
     fn room(&self) -> usize {
-        3 * (self.contacts + 1)
+        3 * (self.contacts + 2)
     }
 
-    fn nodes(&self) -> usize {
+    /// Contacts, and the tissue at the tip.
+    fn yielding(&self) -> usize {
         self.contacts + usize::from(self.has_tip)
+    }
+
+    /// These, and a guide.
+    pub fn nodes(&self) -> usize {
+        self.yielding() + usize::from(self.guide.is_some())
     }
 
     /// What the probe prescribes along its rows, mm.
@@ -232,14 +258,11 @@ impl Joint {
         Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }
 
-    /// Turns the contacts into the directions of the shaft at their arcs (mm), the tip last. `forces` are those on the tissue that
-    /// the line was bent by.
-    pub fn turn(&mut self, arcs: impl Iterator<Item = f64>, line: &CentreLine, forces: &[Vector3<f64>]) {
+    /// Turns everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on the tissue
+    /// that the line was bent by.
+    pub fn turn(&mut self, arcs: &[f64], line: &CentreLine, forces: &[Vector3<f64>]) {
         self.frames.clear();
-        self.frames.extend(arcs.map(|arc| frame(&line.at(arc).tangent)));
-        if self.has_tip {
-            self.frames.push(frame(&line.at(line.length_mm()).tangent));
-        }
+        self.frames.extend(arcs.iter().map(|arc| frame(&line.at(*arc).tangent)));
         let (n, room) = (3 * self.frames.len(), self.room());
         self.before.clear();
         for (frame, force) in self.frames.iter().zip(forces) {
@@ -266,19 +289,18 @@ impl Joint {
     }
 
     /// Solves for the forces with the line as it lies, sets the states, and says how it went. `starts` are the arcs (mm) at the
-    /// beginning of this part of the step, where nodes that begin to stick are held; `flexibility` has the needle's (mm/N) for the
-    /// directions across, two a contact.
+    /// beginning of this part of the step, where nodes that begin to stick are held; `flexibility` is the needle's (mm/N) for the
+    /// three directions of each of the [frames](Self::frames).
     pub fn solve(
         &mut self,
         contacts: &mut [Contact],
-        tip: Option<&mut TipRow>,
+        mut tip: Option<&mut TipRow>,
         starts: &[f64],
         line: &CentreLine,
         flexibility: Option<&Mat<f64>>,
     ) -> Solved {
         let mut solved = Solved::default();
         let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
-        let mut tip = tip;
         while solved.rounds < most {
             solved.rounds += 1;
             solved.dependent = self.solve_once(contacts, tip.as_deref(), starts, line, flexibility);
@@ -290,9 +312,8 @@ impl Joint {
             let last = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
             for (at, (reference, slider)) in sliders.chain(last).enumerate() {
                 let place = line.at(starts.get(at).copied().unwrap_or(line.length_mm())).point_mm;
-                let slip = self.frames[at]
-                    .column(0)
-                    .dot(&(reference + self.displacement(at) - place));
+                let gap = reference + self.displacement(at) - place;
+                let slip = self.frames[at].column(0).dot(&gap) + self.gives(3 * at, flexibility);
                 if let Some(state) = slider.breaks(self.forces[3 * at], slip) {
                     slider.state = state;
                     changed = true;
@@ -309,17 +330,24 @@ impl Joint {
         solved
     }
 
-    fn solve_once(
-        &mut self,
-        contacts: &[Contact],
-        tip: Option<&TipRow>,
-        starts: &[f64],
-        line: &CentreLine,
-        flexibility: Option<&Mat<f64>>,
-    ) -> usize {
-        let n = 3 * self.nodes();
+    /// How far the needle gives way along a row by what the forces have changed, mm.
+    fn gives(&self, row: usize, flexibility: Option<&Mat<f64>>) -> f64 {
+        let Some(flexibility) = flexibility else { return 0.0 };
+        let changes = self
+            .forces
+            .iter()
+            .zip(&self.before)
+            .map(|(force, before)| force - before);
+        changes
+            .enumerate()
+            .map(|(column, change)| flexibility[(row, column)] * change)
+            .sum()
+    }
+
+    /// Writes the known forces, and the rows of the unknown ones with how far the line is from where they would have it.
+    fn write_rows(&mut self, contacts: &[Contact], tip: Option<&TipRow>, starts: &[f64], line: &CentreLine) {
         self.forces.clear();
-        self.forces.resize(n, 0.0);
+        self.forces.resize(3 * self.nodes(), 0.0);
         self.rows.clear();
         self.right.clear();
         for (at, contact) in contacts.iter().enumerate() {
@@ -344,9 +372,28 @@ impl Joint {
             }
             self.forces[3 * at] = tip.slider.force().unwrap_or_default();
         }
-        for at in (0..self.nodes()).filter(|at| self.forces[3 * at] != 0.0) {
-            let force = self.forces[3 * at];
-            let column = &self.turned[3 * at * n..(3 * at + 1) * n];
+        if let Some(guide) = self.guide {
+            let at = self.yielding();
+            let gap = line.at(line.nearest(&guide)).point_mm - guide;
+            let local = self.frames[at].transpose() * gap;
+            self.rows.extend([3 * at + 1, 3 * at + 2]);
+            self.right.extend([local.y, local.z]);
+        }
+    }
+
+    fn solve_once(
+        &mut self,
+        contacts: &[Contact],
+        tip: Option<&TipRow>,
+        starts: &[f64],
+        line: &CentreLine,
+        flexibility: Option<&Mat<f64>>,
+    ) -> usize {
+        self.write_rows(contacts, tip, starts, line);
+        let n = self.forces.len();
+        for at in (0..n).filter(|at| self.forces[*at] != 0.0) {
+            let force = self.forces[at];
+            let column = &self.turned[at * n..(at + 1) * n];
             self.right
                 .iter_mut()
                 .zip(&self.rows)
@@ -359,7 +406,13 @@ impl Joint {
             }
         }
         if let Some(flexibility) = flexibility {
-            self.yield_to(flexibility, 3 * contacts.len());
+            for (j, &column) in self.rows.iter().enumerate() {
+                for (i, &row) in self.rows.iter().enumerate().skip(j) {
+                    *self.system.entry(i, j) += flexibility[(row, column)];
+                }
+                // Unknown forces are zero so far: what is known has changed, and what was there before is gone.
+                self.right[j] -= self.gives(column, Some(flexibility));
+            }
         }
         let dependent = self.system.factor();
         self.system.solve(&mut self.right);
@@ -369,23 +422,7 @@ impl Joint {
         dependent
     }
 
-    /// Adds the needle's flexibility to the first rows across the shaft, and what it gave way before to their right-hand sides.
-    fn yield_to(&mut self, flexibility: &Mat<f64>, rows: usize) {
-        let across = |row: usize| (row < rows && row % 3 != 0).then(|| 2 * (row / 3) + row % 3 - 1);
-        for (j, &column) in self.rows.iter().enumerate() {
-            let Some(other) = across(column) else { continue };
-            for (i, &row) in self.rows.iter().enumerate() {
-                let Some(own) = across(row) else { continue };
-                let entry = flexibility[(own, other)];
-                if i >= j {
-                    *self.system.entry(i, j) += entry;
-                }
-                self.right[i] += entry * self.before[column];
-            }
-        }
-    }
-
-    /// Force on the tissue at a contact of the needle, or, behind them, at the tip, N, world axes.
+    /// Force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world axes.
     pub fn force(&self, node: usize) -> Vector3<f64> {
         self.frames[node] * Vector3::from_column_slice(&self.forces[3 * node..3 * node + 3])
     }

@@ -1,7 +1,7 @@
 //! A step, cut into parts: instruments go on a little, contacts settle, the tip finds its way.
 
 use faer::Mat;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Finite;
 use super::slider::State;
@@ -93,14 +93,15 @@ impl Finite {
         self.tip.base = Some(base);
         self.take_tip();
         self.take_compliance();
+        self.write_arcs();
         self.place(&base);
         let mut change = f64::INFINITY;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
             self.interactions
                 .bound(&mut self.contacts, self.line.length_mm(), self.tip.region());
-            let arcs = self.contacts.iter().map(|contact| contact.arc);
-            self.joint.turn(arcs, &self.line, &self.forces);
+            self.write_arcs();
+            self.joint.turn(&self.memory.arcs, &self.line, &self.forces);
             let yields = self.write_flexibility();
             let solved = self.joint.solve(
                 &mut self.contacts,
@@ -117,10 +118,26 @@ impl Finite {
             for (at, force) in self.forces.iter_mut().enumerate() {
                 *force += (self.joint.force(at) - *force) * share;
             }
-            change = if solved.settled { self.slide() } else { f64::INFINITY };
             self.memory.before.clone_from(&self.line);
             self.place(&base);
-            change = change.max(self.line.distance(&self.memory.before));
+            change = self.slide().max(self.line.distance(&self.memory.before));
+            if !solved.settled {
+                change = f64::INFINITY;
+            }
+            if std::env::var_os("DBG").is_some() && iteration > 10 {
+                eprintln!(
+                    "step {} it {iteration} change {change:.3e} settled {} rounds {} line {:.3e} arcs {:?} states {:?}",
+                    self.steps,
+                    solved.settled,
+                    solved.rounds,
+                    self.line.distance(&self.memory.before),
+                    self.contacts
+                        .iter()
+                        .map(|c| (c.arc * 1e4).round() / 1e4)
+                        .collect::<Vec<_>>(),
+                    self.contacts.iter().map(|c| c.slider.force()).collect::<Vec<_>>()
+                );
+            }
             if change <= self.options.tolerance_mm {
                 break;
             }
@@ -144,35 +161,49 @@ impl Finite {
         largest
     }
 
+    /// Where along the shaft the forces act: contacts, tip, guide.
+    fn write_arcs(&mut self) {
+        let guide = self.guide().map(|guide| self.line.nearest(&guide));
+        let arcs = &mut self.memory.arcs;
+        arcs.clear();
+        arcs.extend(self.contacts.iter().map(|contact| contact.arc));
+        arcs.extend(self.tip.row.as_ref().map(|_| self.line.length_mm()));
+        arcs.extend(guide);
+    }
+
+    /// The hole that the needle runs through, if it can bend.
+    fn guide(&self) -> Option<Point3<f64>> {
+        self.guide.filter(|_| self.needle.is_flexible())
+    }
+
     /// Bends the needle under the forces at hand.
     fn place(&mut self, base: &Isometry3<f64>) {
-        let length = self.needle.length_mm();
         let loads = &mut self.memory.loads;
         loads.clear();
-        let arcs = self.contacts.iter().map(|contact| contact.arc).chain(Some(length));
-        loads.extend(arcs.zip(&self.forces).map(|(arc_mm, force)| Load {
-            arc_mm,
+        let pairs = self.memory.arcs.iter().zip(&self.forces);
+        loads.extend(pairs.map(|(arc_mm, force)| Load {
+            arc_mm: *arc_mm,
             force_n: -force,
         }));
         if self.tip.in_bone() {
             loads.push(Load {
-                arc_mm: length,
+                arc_mm: self.needle.length_mm(),
                 force_n: self.tip.bone_force(&self.line),
             });
         }
         self.needle.place(base, self.entry.as_ref(), loads, &mut self.line);
     }
 
-    /// Writes the flexibility across the shaft at the contacts. Whether there is any.
+    /// Writes the flexibility along and across the shaft wherever forces act. Whether there is any.
     fn write_flexibility(&mut self) -> bool {
-        if !self.needle.is_flexible() || self.contacts.is_empty() {
+        if !self.needle.is_flexible() || self.memory.arcs.is_empty() {
             return false;
         }
         let rows = &mut self.memory.rows;
         rows.clear();
-        for (contact, frame) in self.contacts.iter().zip(self.joint.frames()) {
-            rows.extend([1, 2].map(|axis| Row {
-                arc_mm: contact.arc,
+        for (arc_mm, frame) in self.memory.arcs.iter().zip(self.joint.frames()) {
+            rows.extend([0, 1, 2].map(|axis| Row {
+                arc_mm: *arc_mm,
                 direction: frame.column(axis).into_owned(),
             }));
         }
@@ -196,11 +227,26 @@ impl Finite {
             self.joint.condense(condensed, probes, self.contacts.len(), rows);
             self.condensed = Some(self.version);
         }
-        self.joint.set_tip(condensed, probes, self.tip.row.as_ref());
+        let guide = self.guide();
+        self.joint.set_tip(condensed, probes, self.tip.row.as_ref(), guide);
         self.joint
             .press(self.press.iter().flat_map(|press| press.displacements()));
-        let nodes = self.contacts.len() + usize::from(self.tip.row.is_some());
-        self.forces.resize(nodes, Vector3::zeros());
+        self.lay_forces();
+    }
+
+    /// Makes room for the forces at the tip and on the guide behind those at the contacts; those that stay are kept.
+    fn lay_forces(&mut self) {
+        let has = [self.tip.row.is_some(), self.guide().is_some()];
+        let mut at = self.contacts.len();
+        for (laid, has) in self.laid.iter_mut().zip(has) {
+            match (*laid, has) {
+                (false, true) => self.forces.insert(at, Vector3::zeros()),
+                (true, false) => drop(self.forces.remove(at)),
+                _ => {}
+            }
+            *laid = has;
+            at += usize::from(has);
+        }
     }
 
     /// Where static friction is more than sliding friction, a node that has slipped holds again once it rests.

@@ -9,14 +9,21 @@ use super::{EventKind, Finite};
 use crate::mechanics::needle::Entry;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 
+/// A node comes off when it is this far beyond the tip, mm: one that has just been made there must not for rounding.
+const BEYOND_MM: f64 = 0.05;
+
 impl Finite {
     /// Takes off the nodes that the tip has come back past. Whether there were any.
     pub(super) fn release(&mut self) -> bool {
         let length = self.line.length_mm();
         let mut released = false;
-        while self.contacts.last().is_some_and(|contact| contact.arc > length) {
+        while self
+            .contacts
+            .last()
+            .is_some_and(|contact| contact.arc > length + BEYOND_MM)
+        {
             let Some(contact) = self.contacts.pop() else { break };
-            self.forces.truncate(self.contacts.len());
+            self.forces.remove(self.contacts.len());
             self.memory.starts.pop();
             if self.adaptation.restore(contact.node).is_err() {
                 self.note(EventKind::NotRemeshed, self.line.tip(), None);
@@ -129,8 +136,7 @@ impl Finite {
     }
 
     fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
-        self.forces.truncate(self.contacts.len());
-        self.forces.push(Vector3::zeros());
+        self.forces.insert(self.contacts.len(), Vector3::zeros());
         self.contacts.push(Contact {
             node,
             reference: self.adaptation.mesh().nodes()[node as usize].into(),

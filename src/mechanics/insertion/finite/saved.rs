@@ -21,8 +21,10 @@ struct State {
     probe: Option<(Option<Isometry3<f64>>, Vec<bool>)>,
     line: Vec<(f64, Point3<f64>)>,
     entry: Option<(Point3<f64>, Vector3<f64>)>,
+    guide: Option<Point3<f64>>,
     contacts: Vec<Contact>,
     forces: Vec<Vector3<f64>>,
+    laid: [bool; 2],
     tip: Tip,
     seeds: Vec<Point3<f64>>,
     /// Where moved nodes are in the reference state.
@@ -47,8 +49,10 @@ impl Finite {
                 .map(|press| (press.pose, press.touching_list().to_vec())),
             line: self.line.nodes().to_vec(),
             entry: self.entry.map(|entry| (entry.point_mm, entry.direction.into_inner())),
+            guide: self.guide,
             contacts: self.contacts.clone(),
             forces: self.forces.clone(),
+            laid: self.laid,
             tip: self.tip.clone(),
             seeds: self.seeds.clone(),
             moved: mesh
@@ -85,6 +89,7 @@ impl Finite {
             point_mm,
             direction: Unit::new_unchecked(direction),
         });
+        (self.guide, self.laid) = (state.guide, state.laid);
         if let (Some(press), Some((pose, touching))) = (&mut self.press, &state.probe) {
             press.put_back(*pose, touching);
         }

@@ -25,8 +25,8 @@ pub(super) struct Slider {
 
 /// Forces within this share of their bound keep it.
 const BOUND: f64 = 1e-11;
-/// A slip against friction by less is rounding, mm.
-const REST: f64 = 1e-12;
+/// A slip along with friction by less is rounding of positions, mm.
+const REST: f64 = 1e-9;
 
 impl Slider {
     pub fn new(state: State) -> Slider {

@@ -73,6 +73,7 @@ fn at(z: f64) -> Instruments {
     Instruments {
         base: base(31.3, 28.9, z),
         probe: None,
+        guide: None,
         deposit: false,
     }
 }
