@@ -87,6 +87,8 @@ struct Memory {
     loads: Vec<Load>,
     rows: Vec<Row>,
     before: CentreLine,
+    first: CentreLine,
+    forces: Vec<Vector3<f64>>,
     contact_forces: Vec<f64>,
     dofs: Vec<usize>,
 }

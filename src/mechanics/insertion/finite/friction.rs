@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 
 use super::contact::Contact;
-use super::slider::Slider;
 use crate::mechanics::insertion::Interaction;
 
 /// What each region does to the needle. A region without an entry does nothing.
@@ -62,11 +61,10 @@ impl Interactions {
         }
     }
 
-    /// Sets the bounds of what the tip meets: it cuts when it goes on, and a surface withstands more until it breaks.
-    pub fn bound_tip(&self, slider: &mut Slider, region: Option<i32>, surface: Option<f64>) {
+    /// What cutting at the tip takes, N: while it goes on, and before, where a surface withstands more until it breaks.
+    pub fn cutting(&self, region: Option<i32>, surface: Option<f64>) -> [f64; 2] {
         let cutting = region.map_or(0.0, |region| self.of(region).cutting_n);
-        slider.sliding = [cutting, 0.0];
-        slider.holding = [surface.unwrap_or(cutting), 0.0];
+        [cutting, surface.unwrap_or(cutting)]
     }
 }
 
@@ -77,7 +75,7 @@ mod tests {
     use super::*;
     use crate::mechanics::insertion::Peak;
     use crate::mechanics::insertion::finite::contact::Layer;
-    use crate::mechanics::insertion::finite::slider::State;
+    use crate::mechanics::insertion::finite::slider::{Slider, State};
 
     fn contact(arc: f64, layers: &[(i32, f64)]) -> Contact {
         Contact {
@@ -134,10 +132,10 @@ mod tests {
         interactions.bound(&mut alone, 3.0, Some(7));
         assert!(near(alone[0].slider.sliding[0], 0.0));
 
-        let mut tip = Slider::new(State::Stuck);
-        interactions.bound_tip(&mut tip, Some(2), Some(9.0));
-        assert_eq!((tip.sliding, tip.holding), ([0.7, 0.0], [9.0, 0.0]));
-        interactions.bound_tip(&mut tip, None, None);
-        assert_eq!((tip.sliding, tip.holding), ([0.0; 2], [0.0; 2]));
+        assert_eq!(interactions.cutting(Some(2), Some(9.0)), [0.7, 9.0]);
+        assert_eq!(
+            (interactions.cutting(Some(2), None), interactions.cutting(None, None)),
+            ([0.7; 2], [0.0; 2])
+        );
     }
 }

@@ -9,6 +9,10 @@ use crate::mechanics::needle::{Load, Row};
 
 /// After so many iterations the forces change by ever less of what is asked: a needle that buckles does not swing for ever.
 const UNDAMPED: usize = 8;
+/// The farthest that an iteration may bend the needle, mm: beyond, its flexibility is another.
+const FARTHEST_MM: f64 = 5.0;
+/// The least share of the way to a solution that an iteration goes.
+const LEAST_SHARE: f64 = 0.05;
 
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
@@ -91,16 +95,20 @@ impl Finite {
     fn settle(&mut self, base: &Isometry3<f64>) {
         let base = self.tip.held(base);
         self.tip.base = Some(base);
+        if self.line.nodes().is_empty() {
+            self.needle.place(&base, None, &[], &mut self.line);
+        }
         self.take_tip();
         self.take_compliance();
-        self.write_arcs();
-        self.place(&base);
         let mut change = f64::INFINITY;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
-            self.interactions
-                .bound(&mut self.contacts, self.line.length_mm(), self.tip.region());
+            // Both shapes of an iteration take the levers of the forces from the shape before it, so that the second differs from the
+            // first by what the forces change alone, and lies where the solution has it.
+            self.memory.before.clone_from(&self.line);
             self.write_arcs();
+            self.place(&base);
+            self.bound();
             self.joint.turn(&self.memory.arcs, &self.line, &self.forces);
             let yields = self.write_flexibility();
             let solved = self.joint.solve(
@@ -110,33 +118,30 @@ impl Finite {
                 &self.line,
                 yields.then_some(&self.flexibility),
             );
-            let share = if iteration < UNDAMPED {
+            self.memory.forces.clone_from(&self.forces);
+            let mut share = if iteration < UNDAMPED {
                 1.0
             } else {
                 UNDAMPED as f64 / (iteration + 1) as f64
             };
-            for (at, force) in self.forces.iter_mut().enumerate() {
-                *force += (self.joint.force(at) - *force) * share;
+            self.take_forces(share);
+            if yields {
+                let first = std::mem::replace(&mut self.memory.first, std::mem::take(&mut self.line));
+                self.line = first;
+                loop {
+                    self.line.clone_from(&self.memory.before);
+                    self.place(&base);
+                    let shift = self.line.distance(&self.memory.first);
+                    if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
+                        break;
+                    }
+                    share = (share * FARTHEST_MM / shift).max(LEAST_SHARE);
+                    self.take_forces(share);
+                }
             }
-            self.memory.before.clone_from(&self.line);
-            self.place(&base);
             change = self.slide().max(self.line.distance(&self.memory.before));
             if !solved.settled {
                 change = f64::INFINITY;
-            }
-            if std::env::var_os("DBG").is_some() && iteration > 10 {
-                eprintln!(
-                    "step {} it {iteration} change {change:.3e} settled {} rounds {} line {:.3e} arcs {:?} states {:?}",
-                    self.steps,
-                    solved.settled,
-                    solved.rounds,
-                    self.line.distance(&self.memory.before),
-                    self.contacts
-                        .iter()
-                        .map(|c| (c.arc * 1e4).round() / 1e4)
-                        .collect::<Vec<_>>(),
-                    self.contacts.iter().map(|c| c.slider.force()).collect::<Vec<_>>()
-                );
             }
             if change <= self.options.tolerance_mm {
                 break;
@@ -144,6 +149,13 @@ impl Finite {
         }
         self.outcome.converged &= change <= self.options.tolerance_mm;
         self.carry();
+    }
+
+    /// Goes a share of the way to the forces of the solution.
+    fn take_forces(&mut self, share: f64) {
+        for (at, (force, before)) in self.forces.iter_mut().zip(&self.memory.forces).enumerate() {
+            *force = before + (self.joint.force(at) - before) * share;
+        }
     }
 
     /// Brings the places along the shaft up to date with the last solution. The largest change, mm.
@@ -236,17 +248,32 @@ impl Finite {
 
     /// Makes room for the forces at the tip and on the guide behind those at the contacts; those that stay are kept.
     fn lay_forces(&mut self) {
-        let has = [self.tip.row.is_some(), self.guide().is_some()];
-        let mut at = self.contacts.len();
-        for (laid, has) in self.laid.iter_mut().zip(has) {
-            match (*laid, has) {
-                (false, true) => self.forces.insert(at, Vector3::zeros()),
-                (true, false) => drop(self.forces.remove(at)),
-                _ => {}
+        let [had_tip, had_guide] = self.laid;
+        let [has_tip, has_guide] = [self.tip.row.is_some(), self.guide().is_some()];
+        let at = self.contacts.len();
+        // What is cut passes between the tip and the node that was made there.
+        let tangent = self.line.at(self.line.length_mm()).tangent;
+        if has_tip && !had_tip {
+            let cutting = self.interactions.cutting(self.tip.region(), None)[0];
+            let mut share = Vector3::zeros();
+            if let Some(last) = self.forces[..at].last_mut() {
+                share = tangent.into_inner() * tangent.dot(last).clamp(0.0, cutting);
+                *last -= share;
             }
-            *laid = has;
-            at += usize::from(has);
+            self.forces.insert(at, share);
+        } else if had_tip && !has_tip {
+            let force = self.forces.remove(at);
+            if let Some(last) = self.forces[..at].last_mut().filter(|_| self.tip.at_node) {
+                *last += force;
+            }
         }
+        let at = at + usize::from(has_tip);
+        if has_guide && !had_guide {
+            self.forces.insert(at, Vector3::zeros());
+        } else if had_guide && !has_guide {
+            self.forces.remove(at);
+        }
+        self.laid = [has_tip, has_guide];
     }
 
     /// Where static friction is more than sliding friction, a node that has slipped holds again once it rests.

@@ -36,6 +36,7 @@ impl Finite {
         }
         // Its element is not what it was.
         (self.tip.row, self.tip.found, self.tip.surface) = (None, None, None);
+        self.tip.at_node = false;
         if self.contacts.is_empty() {
             self.entry = None;
             self.tip.element = None;
@@ -56,7 +57,7 @@ impl Finite {
             (false, None) => None,
         };
         let Some(place) = found else {
-            self.tip.row = None;
+            (self.tip.row, self.tip.at_node) = (None, false);
             return false;
         };
         let region = self.mesh.regions()[place.element as usize];
@@ -73,7 +74,7 @@ impl Finite {
         }
         if let Some(bone) = self.interactions.of(region).bone {
             self.meet_bone(&bone, &tip, region);
-            self.tip.row = None;
+            (self.tip.row, self.tip.at_node) = (None, false);
             return false;
         }
         self.tip.found = Some(place);

@@ -11,8 +11,8 @@ use crate::mechanics::insertion::Bone;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;
 
-/// Corners with a smaller share than this need not be in the system: the tip has hardly left the others.
-const LEAST_SHARE: f64 = 1e-6;
+/// With a larger share of the place of the tip than this, the last node on the needle is where the tip is.
+const AT_NODE: f64 = 0.999;
 
 /// Where the tip is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -25,8 +25,10 @@ pub(super) struct Tip {
     pub reference: Point3<f64>,
     /// A place found, not yet in the system.
     pub found: Option<Place>,
-    /// The tissue at the tip, as a row of the system; none where nothing is cut.
+    /// The tissue at the tip, as a row of the system; none where nothing is cut, or the last node on the needle is there.
     pub row: Option<TipRow>,
+    /// Whether the last node on the needle is at the tip: it is what is cut then.
+    pub at_node: bool,
     /// Nodes in the system that are neither on the needle nor on the probe: corners of the element at the tip.
     pub corners: Vec<u32>,
     /// The force that a surface before the tip withstands, N, while it is not broken.
@@ -76,26 +78,65 @@ impl Finite {
     /// Puts the tissue where the tip has been found into the system.
     pub(super) fn take_tip(&mut self) {
         if let Some(place) = self.tip.found.take() {
-            let state = self.tip.row.take().map_or(State::Stuck, |row| row.slider.state);
+            let last = self.contacts.last();
+            let node = last.map_or(NONE, |last| last.node);
+            let before = self
+                .tip
+                .row
+                .take()
+                .map(|row| row.slider.state)
+                .filter(|_| !self.tip.at_node);
+            let state = before.or(last.map(|last| last.slider.state)).unwrap_or(State::Stuck);
+            let corners = self.mesh.elements()[place.element as usize];
+            let share = corners
+                .iter()
+                .position(|corner| *corner == node)
+                .map_or(0.0, |at| place.bary[at]);
+            self.tip.at_node = share > AT_NODE;
             let region = self.mesh.regions()[place.element as usize];
-            if self.interactions.of(region).cutting_n > 0.0 || self.tip.surface.is_some() {
+            let cuts = self.interactions.of(region).cutting_n > 0.0 || self.tip.surface.is_some();
+            if cuts && !self.tip.at_node {
                 self.take_corners(&place);
                 self.tip.row = Some(self.row_at(&place, Slider::new(state)));
             }
         }
+    }
+
+    /// Sets the bounds of all sliders.
+    pub(super) fn bound(&mut self) {
         let (region, surface) = (self.tip.region(), self.tip.surface);
-        if let Some(row) = &mut self.tip.row {
-            self.interactions.bound_tip(&mut row.slider, region, surface);
+        self.interactions
+            .bound(&mut self.contacts, self.line.length_mm(), region);
+        let cutting = self.interactions.cutting(region, surface);
+        match (&mut self.tip.row, self.contacts.last_mut()) {
+            (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting[0], 0.0], [cutting[1], 0.0]),
+            (None, Some(last)) if self.tip.at_node => {
+                last.slider.sliding[0] += cutting[0];
+                last.slider.holding[0] += cutting[1];
+            }
+            _ => {}
         }
+    }
+
+    /// What the tip acts on.
+    fn tip_slider(&mut self) -> Option<&mut Slider> {
+        let at_node = self.tip.at_node;
+        let last = self
+            .contacts
+            .last_mut()
+            .filter(|_| at_node)
+            .map(|last| &mut last.slider);
+        self.tip.row.as_mut().map(|row| &mut row.slider).or(last)
     }
 
     /// Makes sure that the corners which share the force at a place are in the system.
     fn take_corners(&mut self, place: &Place) {
         let corners = self.mesh.elements()[place.element as usize];
         let yields = |node: &u32| !self.adaptation.mesh().dofs().of(*node).contains(&NONE);
-        let is_missing = |node: &u32| self.index_of(*node).is_none() && yields(node);
-        let mut needed = corners.iter().zip(place.bary).filter(|(_, share)| *share > LEAST_SHARE);
-        if !needed.any(|(node, _)| is_missing(node)) {
+        if !corners
+            .iter()
+            .any(|node| self.index_of(*node).is_none() && yields(node))
+        {
             return;
         }
         self.tip.corners.clear();
@@ -135,10 +176,8 @@ impl Finite {
     /// Tells that a surface is broken.
     pub(super) fn break_surface(&mut self) {
         let cuts = self
-            .tip
-            .row
-            .as_ref()
-            .is_some_and(|row| row.slider.state == State::Slipping(1.0));
+            .tip_slider()
+            .is_some_and(|slider| slider.state == State::Slipping(1.0));
         if cuts && self.tip.surface.take().is_some() {
             self.note(EventKind::Puncture, self.line.tip(), self.tip.region());
         }
@@ -148,8 +187,10 @@ impl Finite {
     pub(super) fn meet_surface(&mut self, region: i32) {
         let ahead = self.interactions.of(region);
         self.tip.surface = (ahead.puncture_n > ahead.cutting_n).then_some(ahead.puncture_n);
-        if let (Some(_), Some(row)) = (self.tip.surface, &mut self.tip.row) {
-            row.slider.state = State::Stuck;
+        if self.tip.surface.is_some()
+            && let Some(slider) = self.tip_slider()
+        {
+            slider.state = State::Stuck;
         }
     }
 
