@@ -1,20 +1,23 @@
 //! The synthesizer: made once from a scene and a backend, it renders frame after frame.
 
 pub mod cpu;
+mod frame;
 pub mod gpu;
 pub mod layers;
 pub mod store;
 pub mod tables;
 
-use nalgebra::{Matrix4, Point3};
+use nalgebra::Matrix4;
 
 use crate::effects::OutOfRange;
 use crate::effects::pass::Resource;
 use crate::gpu::GpuError;
+use crate::mechanics::mesh::locator::NodeCount;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
 use crate::volume::texture::AtlasFull;
 
+pub use frame::{Frame, FrameState, NeedleShaft};
 use tables::{Anatomy, Settings, Tables};
 
 /// Why a frame cannot be synthesised.
@@ -36,13 +39,8 @@ pub enum SynthError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// Node positions that do not match the mesh.
-    #[error("{found} current node positions for a mesh of {expected} nodes")]
-    Nodes {
-        /// Positions given.
-        found: usize,
-        /// Nodes of the mesh.
-        expected: usize,
-    },
+    #[error(transparent)]
+    Nodes(#[from] NodeCount),
     /// More memory than the machine has to spare.
     #[error(
         "a frame of this size takes {} MiB of memory, and {} MiB are to be had; ask for fewer pixels, scanlines, samples or \
@@ -59,55 +57,6 @@ pub enum SynthError {
     /// A pose with numbers that are not finite, or that is singular.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
-}
-
-/// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NeedleShaft {
-    /// Nodes of the shaft, mm, hub first; two for a straight one. Of more than 65 those towards the tip are shown.
-    pub nodes: Vec<Point3<f64>>,
-    /// Diameter, mm.
-    pub diameter_mm: f64,
-}
-
-/// What changes from frame to frame.
-#[derive(Clone, Debug)]
-pub struct FrameState {
-    /// Number of the frame; it seeds the additive noise.
-    pub frame: u64,
-    /// Probe frame to world, mm.
-    pub probe_to_world: Matrix4<f64>,
-    /// The needle, if there is one in this frame.
-    pub needle: Option<NeedleShaft>,
-    /// Current positions of the mesh nodes, mm; none leaves them where the last frame had them (at first: the reference).
-    pub nodes: Option<Vec<[f64; 3]>>,
-}
-
-impl FrameState {
-    /// A frame with nothing but a probe pose.
-    pub fn at(probe_to_world: Matrix4<f64>) -> Self {
-        Self {
-            frame: 0,
-            probe_to_world,
-            needle: None,
-            nodes: None,
-        }
-    }
-}
-
-/// A rendered frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Grey levels, row by row from the top.
-    pub pixels: Vec<u8>,
-    /// Pixel (column, row, 0) to world, mm.
-    pub image_to_world: Matrix4<f64>,
-    /// Side of a pixel, mm.
-    pub pixel_mm: f64,
 }
 
 /// Which backend to render on.
@@ -233,13 +182,8 @@ impl Synthesizer {
         if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
             return Err(SynthError::Pose);
         }
-        if let (Some(nodes), Some(mesh)) = (&state.nodes, &self.tables.anatomy.mesh)
-            && nodes.len() != mesh.nodes().len()
-        {
-            return Err(SynthError::Nodes {
-                found: nodes.len(),
-                expected: mesh.nodes().len(),
-            });
+        if let Some(mesh) = &self.tables.anatomy.mesh {
+            NodeCount::check(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
         self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
         Ok(())

@@ -63,7 +63,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = view.tables.samples();
-    if let Some((deformed, reference)) = &store.locators {
-        map_lines(deformed, reference, samples, &mut store.position, &mut store.element);
+    if let Some(states) = &store.states {
+        let (positions, elements) = (&mut store.position, &mut store.element);
+        map_lines(states.deformed(), states.reference(), samples, positions, elements);
     }
 }

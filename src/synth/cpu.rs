@@ -74,11 +74,8 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Runs some passes of a plan.
     pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        if let (Some(nodes), Some((deformed, _))) = (&state.nodes, &mut self.store.locators) {
-            deformed.update(nodes).map_err(|error| SynthError::Nodes {
-                found: error.found,
-                expected: error.expected,
-            })?;
+        if let Some(states) = &mut self.store.states {
+            states.update(state.nodes.as_deref(), state.reference.as_deref())?;
         }
         let view = View {
             tables,

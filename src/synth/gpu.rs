@@ -1,5 +1,8 @@
 //! Runs a plan on a GPU: buffers by resource, pipelines by pass, bind groups made once, one submission a frame.
 
+mod contents;
+mod warp;
+
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -13,9 +16,9 @@ use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
     self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms,
 };
-use crate::mechanics::mesh::Locator;
-use crate::mechanics::mesh::pack::{StaticLengths, WarpBuffers};
 use crate::plan::Plan;
+use contents::contents;
+use warp::Warp;
 
 /// What a plan asks of a device beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
@@ -40,13 +43,6 @@ struct Step {
     bindings: wgpu::BindGroup,
     band: Band,
     workgroups: [u32; 3],
-}
-
-/// The deforming mesh as the warp pass reads it.
-struct Warp {
-    deformed: Locator<f32>,
-    buffers: WarpBuffers,
-    stale: bool,
 }
 
 /// The GPU backend.
@@ -99,15 +95,7 @@ impl GpuExecutor {
             .retain(|&(resource, part), _| plan.uses(resource) && part < parts(resource, &self.bands));
         match &tables.anatomy.mesh {
             Some(mesh) if plan.uses(Resource::ElementMaps) => {
-                if self.warp.is_none() {
-                    let deformed = Locator::new(mesh);
-                    let buffers = WarpBuffers::new(&deformed, &deformed);
-                    self.warp = Some(Warp {
-                        deformed,
-                        buffers,
-                        stale: true,
-                    });
-                }
+                self.warp.get_or_insert_with(|| Warp::new(mesh));
             }
             _ => self.warp = None,
         }
@@ -162,10 +150,8 @@ impl GpuExecutor {
         if !fits {
             let buffer = StorageBuffer::zeroed(&self.gpu, &format!("{resource:?}"), bytes)?;
             self.buffers.insert(key, buffer);
-            if resource == Resource::ElementMaps
-                && let Some(warp) = &mut self.warp
-            {
-                warp.stale = true;
+            if let Some(warp) = &mut self.warp {
+                warp.buffer_is_new(resource);
             }
         }
         if !fits || changed {
@@ -309,46 +295,16 @@ impl GpuExecutor {
 
     fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let Some(warp) = &mut self.warp {
-            if let Some(nodes) = &state.nodes {
-                warp.deformed.update(nodes).map_err(|error| SynthError::Nodes {
-                    found: error.found,
-                    expected: error.expected,
-                })?;
+            warp.update(state)?;
+            for (resource, piece) in warp.pieces() {
+                self.buffers[&(resource, 0)].write(&self.gpu, piece.at, piece.bytes)?;
             }
-            if warp.stale || state.nodes.is_some() {
-                warp.buffers.refill(&warp.deformed);
-                let fixed = if warp.stale {
-                    StaticLengths {
-                        frames: 0,
-                        starts: 0,
-                        lists: 0,
-                    }
-                } else {
-                    warp.buffers.static_lengths()
-                };
-                let buffers = &warp.buffers;
-                let send = |resource: Resource| &self.buffers[&(resource, 0)];
-                send(Resource::ElementMaps).write(
-                    &self.gpu,
-                    fixed.frames as u64 * 16,
-                    &buffers.frames[fixed.frames..],
-                )?;
-                send(Resource::CellStarts).write(
-                    &self.gpu,
-                    fixed.starts as u64 * 4,
-                    &buffers.starts[fixed.starts..],
-                )?;
-                send(Resource::CellElements).write(&self.gpu, fixed.lists as u64 * 4, &buffers.lists[fixed.lists..])?;
-                if warp.stale {
-                    send(Resource::Adjacency).write(&self.gpu, 0, &buffers.neighbours)?;
-                }
-                warp.stale = false;
-            }
+            warp.is_uploaded();
         }
         let view = View {
             tables,
             state,
-            warp: self.warp.as_ref().map(|warp| &warp.buffers.params),
+            warp: self.warp.as_ref().map(Warp::params),
         };
         if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
             needle::segments(&view, &mut self.segments);
@@ -489,47 +445,5 @@ fn actual(resource: Resource, flipped: bool) -> Resource {
         (Resource::Amplitude, true) => Resource::AmplitudeNext,
         (Resource::AmplitudeNext, true) => Resource::Amplitude,
         (other, _) => other,
-    }
-}
-
-/// What a buffer holds before the first frame; empty for what passes write first.
-fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
-    let floats = |values: &[f32]| bytemuck::cast_slice(values).to_vec();
-    match resource {
-        Resource::Rays => floats(&tables.rays.iter().flatten().map(|&x| x as f32).collect::<Vec<_>>()),
-        Resource::Element => vec![0xff; tables.bytes(resource) as usize],
-        Resource::Voxels => {
-            let mut bytes = tables.volume.voxels().to_vec();
-            bytes.resize(bytes.len().next_multiple_of(4), 0);
-            bytes
-        }
-        Resource::LabelRows => bytemuck::cast_slice(&tables.label_rows).to_vec(),
-        Resource::TextureEntries => tables
-            .atlas
-            .as_ref()
-            .map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec()),
-        Resource::TextureAtlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
-        Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
-            floats(&[speckle.axial.of::<f32>(), speckle.ends.of()].concat())
-        }),
-        Resource::LateralKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
-            floats(&[speckle.lateral.weights.of::<f32>(), speckle.edges.of()].concat())
-        }),
-        Resource::BlurKernel => tables
-            .blur
-            .as_ref()
-            .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
-        Resource::PenumbraKernel => tables
-            .penumbra
-            .as_ref()
-            .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
-        Resource::LineSpacing => floats(tables.line_spacing.of()),
-        Resource::ReceiverPower => floats(tables.receiver_power.of()),
-        Resource::Gain => floats(tables.gain.of()),
-        Resource::ScanMap => {
-            let first = band.first_row as usize * tables.width();
-            bytemuck::cast_slice(&tables.scan_map[first..][..band.rows as usize * tables.width()]).to_vec()
-        }
-        _ => Vec::new(),
     }
 }

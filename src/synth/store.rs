@@ -3,7 +3,7 @@
 use super::tables::Tables;
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
-use crate::mechanics::mesh::Locator;
+use crate::mechanics::mesh::map::States;
 use crate::plan::Plan;
 use crate::real::Real;
 
@@ -14,8 +14,8 @@ pub struct Store<T> {
     pub position: Vec<[T; 4]>,
     /// [`Resource::Element`].
     pub element: Vec<u32>,
-    /// Locators of the deformed and the reference mesh.
-    pub locators: Option<(Locator<T>, Locator<T>)>,
+    /// The mesh, deformed and in its reference state.
+    pub states: Option<States<T>>,
     /// [`Resource::Label`], a byte each.
     pub label: Vec<u8>,
     /// [`Resource::Amplitude`].
@@ -64,12 +64,9 @@ impl<T: Real> Store<T> {
             self.segments = Vec::with_capacity(count(Resource::Needle, MAX_SEGMENTS));
         }
         match (&tables.anatomy.mesh, plan.uses(Resource::Element)) {
-            (Some(mesh), true) if self.locators.is_none() => {
-                let locator = Locator::new(mesh);
-                self.locators = Some((locator.clone(), locator));
-            }
+            (Some(mesh), true) if self.states.is_none() => self.states = Some(States::new(mesh)),
             (Some(_), true) => {}
-            _ => self.locators = None,
+            _ => self.states = None,
         }
     }
 

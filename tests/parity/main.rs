@@ -34,6 +34,7 @@ mod texture;
 mod thickness;
 mod tone;
 mod warp;
+mod warp_remeshed;
 mod warp_shader;
 
 use support::gpu::gpu_or_skip;
@@ -59,6 +60,7 @@ fn gpu_tests_run_or_are_counted_as_skipped() {
         include_str!("thickness.rs"),
         include_str!("tone.rs"),
         include_str!("warp.rs"),
+        include_str!("warp_remeshed.rs"),
         include_str!("warp_shader.rs"),
     ];
     let tests: usize = sources.iter().map(|source| source.matches("#[test]").count()).sum();

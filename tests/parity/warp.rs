@@ -29,7 +29,7 @@ pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3]
     let nodes = current(step, mesh);
     let [exact, twin] = [step.before, step.twin].map(|beam| {
         let element = beam.element[index];
-        (element != NONE).then(|| Tetrahedron::new(mesh, nodes, element))
+        (element != NONE).then(|| Tetrahedron::new(mesh, nodes, reference(step, mesh), element))
     });
     let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
     let apart = carried(&exact) - carried(&twin);
@@ -58,13 +58,13 @@ struct Tetrahedron {
 }
 
 impl Tetrahedron {
-    fn new(mesh: &TetMesh, current: &[[f64; 3]], element: u32) -> Self {
+    fn new(mesh: &TetMesh, current: &[[f64; 3]], reference: &[[f64; 3]], element: u32) -> Self {
         let corners = mesh.elements()[element as usize].map(|node| node as usize);
         let edges = |nodes: &[[f64; 3]]| {
             let [a, b, c, d] = corners.map(|node| Vector3::from(nodes[node]));
             Matrix3::from_columns(&[b - a, c - a, d - a])
         };
-        let (now, then) = (edges(current), edges(mesh.nodes()));
+        let (now, then) = (edges(current), edges(reference));
         let to_bary = now.try_inverse().expect("an element with a volume");
         let points = corners.map(|node| Vector3::from(current[node]));
         let mut diameter = 0.0f64;
@@ -81,7 +81,7 @@ impl Tetrahedron {
             corner: points[0],
             to_bary,
             gradient: then * to_bary,
-            reference: Vector3::from(mesh.nodes()[corners[0]]),
+            reference: Vector3::from(reference[corners[0]]),
             diameter,
             least_height: 1.0 / steepest,
             largest: points
@@ -125,6 +125,10 @@ fn current<'a>(step: &'a Step, mesh: &'a TetMesh) -> &'a [[f64; 3]] {
     step.state.nodes.as_deref().unwrap_or(mesh.nodes())
 }
 
+fn reference<'a>(step: &'a Step, mesh: &'a TetMesh) -> &'a [[f64; 3]] {
+    step.state.reference.as_deref().unwrap_or(mesh.nodes())
+}
+
 fn mesh<'a>(step: &'a Step) -> &'a TetMesh {
     step.tables.anatomy.mesh.as_deref().expect("a warp pass has a mesh")
 }
@@ -135,7 +139,7 @@ fn place(position: [f64; 4]) -> Vector3<f64> {
 
 pub fn carry(step: &Step, slack: &mut Slack) {
     let mesh = mesh(step);
-    let current = current(step, mesh);
+    let (current, reference) = (current(step, mesh), reference(step, mesh));
     for index in 0..step.after.position.len() {
         let (exact, twin) = (step.after.element[index], step.twin.element[index]);
         let world = place(step.before.position[index]);
@@ -147,7 +151,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             format!("{}: line {line}, sample {sample} at {world:?}", step.case.name)
         };
         if exact != NONE && twin != NONE {
-            let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, element));
+            let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, reference, element));
             let least = twin.least_coordinate(world);
             let allowed = twin.coordinate_slack(reach);
             assert!(
@@ -168,8 +172,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             );
             slack.torn[index] = true;
         } else if flags[0] != flags[1] {
-            let far = surface_distance(mesh, mesh.nodes(), world);
-            let allowed = surface_slack(mesh, mesh.nodes(), world, reach);
+            let far = surface_distance(mesh, reference, world);
+            let allowed = surface_slack(mesh, reference, world, reach);
             assert!(
                 far <= allowed,
                 "{}: {far} mm from the reference surface, at most {allowed}",
@@ -190,7 +194,7 @@ pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
         .map(|index| {
             let world = place(step.before.position[index]);
             let reach = slack.position[index].iter().fold(0.0f64, |a, &b| a.max(b)) * 3f64.sqrt();
-            near(current(step, mesh), world, reach) || near(mesh.nodes(), world, reach)
+            near(current(step, mesh), world, reach) || near(reference(step, mesh), world, reach)
         })
         .collect()
 }
@@ -198,7 +202,7 @@ pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
 /// The largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
 fn surface_slack(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>, off: f64) -> f64 {
     let worst = (0..mesh.elements().len() as u32)
-        .map(|element| Tetrahedron::new(mesh, nodes, element))
+        .map(|element| Tetrahedron::new(mesh, nodes, nodes, element))
         .filter(|element| (element.corner - p).norm() <= 2.0 * element.diameter)
         .map(|element| (element.coordinate_slack(off) * element.diameter, element.largest))
         .fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));

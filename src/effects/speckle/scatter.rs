@@ -26,9 +26,9 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let positions = &store.position[..lines * samples];
     let amplitudes = &store.amplitude[..lines * samples];
     let deformed = store
-        .locators
+        .states
         .as_ref()
-        .map(|(deformed, _)| (deformed, &store.element[..]));
+        .map(|states| (states.deformed(), &store.element[..]));
     // A fine scanline holds its real parts, then its imaginary parts.
     store
         .scatter

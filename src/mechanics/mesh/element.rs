@@ -36,7 +36,7 @@ pub(super) enum Kind {
     Inverted,
     /// Without volume, or thinner than the scalar resolves.
     Flat,
-    /// A corner is NaN or infinite.
+    /// A corner is NaN or infinite, now or in the reference state.
     NotFinite,
 }
 
@@ -62,7 +62,7 @@ pub(super) fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
 /// on the face between them.
 pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
     let corners = current.map(|corner| corner.map(T::wide));
-    if corners.iter().flatten().any(|x| !x.is_finite()) {
+    if corners.iter().chain(reference).flatten().any(|x| !x.is_finite()) {
         return excluded(Kind::NotFinite);
     }
     let edges_now = edges(&corners);

@@ -47,18 +47,39 @@ pub struct LocatorReport {
     pub inverted: usize,
     /// Without volume, or thinner than four roundings of their coordinates. Never hit.
     pub flat: usize,
-    /// With a corner that is NaN or infinite. Never hit.
+    /// With a corner that is NaN or infinite in either state. Never hit.
     pub not_finite: usize,
 }
 
 /// The number of node positions does not match the mesh.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{found} node positions for a mesh of {expected} nodes")]
+#[error("{found} {state} node positions for a mesh of {expected} nodes")]
 pub struct NodeCount {
+    /// Of which state they are: `current` or `reference`.
+    pub state: &'static str,
     /// Positions given.
     pub found: usize,
     /// Nodes of the mesh.
     pub expected: usize,
+}
+
+impl NodeCount {
+    /// Checks the numbers of positions, where there are any, for a mesh of `expected` nodes.
+    ///
+    /// # Errors
+    /// [`NodeCount`] of the first that does not match.
+    pub fn check(
+        current: Option<&[[f64; 3]]>,
+        reference: Option<&[[f64; 3]]>,
+        expected: usize,
+    ) -> Result<(), NodeCount> {
+        for (state, positions) in [("current", current), ("reference", reference)] {
+            if let Some(found) = positions.map(<[_]>::len).filter(|&found| found != expected) {
+                return Err(NodeCount { state, found, expected });
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Locates points among the elements of a mesh whose nodes move.
@@ -104,17 +125,35 @@ impl<T: Real> Locator<T> {
     /// # Errors
     /// [`NodeCount`] where the number of positions is not that of the mesh; the locator is then as it was.
     pub fn update(&mut self, current: &[[f64; 3]]) -> Result<LocatorReport, NodeCount> {
-        if current.len() != self.nodes.len() {
-            return Err(NodeCount {
-                found: current.len(),
-                expected: self.nodes.len(),
-            });
+        self.update_states(Some(current), None)
+    }
+
+    /// As [`Locator::update`], and moves the nodes of the reference state, which remeshing does: `reference` is what points
+    /// are carried to from then on. Where either is none, those nodes stay where they are.
+    ///
+    /// # Errors
+    /// As [`Locator::update`], for either.
+    pub fn update_states(
+        &mut self,
+        current: Option<&[[f64; 3]]>,
+        reference: Option<&[[f64; 3]]>,
+    ) -> Result<LocatorReport, NodeCount> {
+        NodeCount::check(current, reference, self.nodes.len())?;
+        if let Some(current) = current {
+            for (node, position) in self.nodes.iter_mut().zip(current) {
+                *node = position.map(T::of);
+            }
         }
-        for (node, position) in self.nodes.iter_mut().zip(current) {
-            *node = position.map(T::of);
+        if let Some(reference) = reference {
+            self.reference.copy_from_slice(reference);
         }
         self.prepare();
         Ok(self.report)
+    }
+
+    /// Nodes of the reference state, mm.
+    pub fn reference(&self) -> &[[f64; 3]] {
+        &self.reference
     }
 
     /// What the last update (or the reference state) holds.

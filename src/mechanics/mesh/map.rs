@@ -6,7 +6,11 @@
 //! | the reference mesh only | as it was: its tissue has moved away | [`BACKGROUND`] |
 //! | neither | as it was | [`OUTSIDE`] |
 
+mod states;
+
 use rayon::prelude::*;
+
+pub use states::{Moved, States};
 
 use super::locator::{Locator, NONE};
 use crate::real::Real;

@@ -505,5 +505,12 @@ fn updates_allocate_nothing_and_return_to_the_same_state() {
 fn a_wrong_number_of_nodes_is_refused() {
     let mesh = lattice(1, 0.0);
     let error = Locator::<f64>::new(&mesh).update(&[[0.0; 3]; 3]).unwrap_err();
-    assert_eq!(error, NodeCount { found: 3, expected: 8 });
+    assert_eq!(
+        error,
+        NodeCount {
+            state: "current",
+            found: 3,
+            expected: 8
+        }
+    );
 }

@@ -1,0 +1,56 @@
+//! What goes into a frame, and what comes out.
+
+use nalgebra::{Matrix4, Point3};
+
+/// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedleShaft {
+    /// Nodes of the shaft, mm, hub first; two for a straight one. Of more than 65 those towards the tip are shown.
+    pub nodes: Vec<Point3<f64>>,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+}
+
+/// What changes from frame to frame.
+#[derive(Clone, Debug)]
+pub struct FrameState {
+    /// Number of the frame; it seeds the additive noise.
+    pub frame: u64,
+    /// Probe frame to world, mm.
+    pub probe_to_world: Matrix4<f64>,
+    /// The needle, if there is one in this frame.
+    pub needle: Option<NeedleShaft>,
+    /// Current positions of the mesh nodes, mm; none leaves them where the last frame had them (at first: the reference).
+    pub nodes: Option<Vec<[f64; 3]>>,
+    /// Reference positions of the mesh nodes, mm, which remeshing moves; none leaves them where the last frame had them (at
+    /// first: those of the mesh). Labels, textures and speckle are read there.
+    pub reference: Option<Vec<[f64; 3]>>,
+}
+
+impl FrameState {
+    /// A frame with nothing but a probe pose.
+    pub fn at(probe_to_world: Matrix4<f64>) -> Self {
+        Self {
+            frame: 0,
+            probe_to_world,
+            needle: None,
+            nodes: None,
+            reference: None,
+        }
+    }
+}
+
+/// A rendered frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, row by row from the top.
+    pub pixels: Vec<u8>,
+    /// Pixel (column, row, 0) to world, mm.
+    pub image_to_world: Matrix4<f64>,
+    /// Side of a pixel, mm.
+    pub pixel_mm: f64,
+}

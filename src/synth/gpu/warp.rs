@@ -1,0 +1,79 @@
+//! The deforming mesh on the GPU: what the warp pass reads, kept in step with the states of the mesh.
+
+use crate::effects::pass::Resource;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::locator::NodeCount;
+use crate::mechanics::mesh::map::{Moved, States};
+use crate::mechanics::mesh::pack::{self, Piece, WarpBuffer, WarpParams};
+use crate::synth::FrameState;
+
+/// The mesh, and what of it the buffers do not hold yet.
+pub(super) struct Warp {
+    states: States<f32>,
+    params: WarpParams,
+    due: Moved,
+    topology_due: bool,
+}
+
+impl Warp {
+    pub fn new(mesh: &TetMesh) -> Self {
+        let states = States::new(mesh);
+        Self {
+            params: pack::params(&states),
+            states,
+            due: Moved {
+                deformed: true,
+                reference: true,
+            },
+            topology_due: true,
+        }
+    }
+
+    /// The buffer of a resource was made anew and holds nothing.
+    pub fn buffer_is_new(&mut self, resource: Resource) {
+        self.topology_due |= resource == Resource::Adjacency;
+        if matches!(
+            resource,
+            Resource::ElementMaps | Resource::CellStarts | Resource::CellElements
+        ) {
+            (self.due.deformed, self.due.reference) = (true, true);
+        }
+    }
+
+    /// Moves the nodes as a frame says.
+    pub fn update(&mut self, state: &FrameState) -> Result<(), NodeCount> {
+        let moved = self.states.update(state.nodes.as_deref(), state.reference.as_deref())?;
+        self.due.deformed |= moved.deformed;
+        self.due.reference |= moved.reference;
+        if moved.deformed || moved.reference {
+            self.params = pack::params(&self.states);
+        }
+        Ok(())
+    }
+
+    /// What has to be written before the next frame.
+    pub fn pieces(&self) -> impl Iterator<Item = (Resource, Piece<'_>)> {
+        let topology = self.topology_due.then(|| pack::topology(&self.states));
+        let reference = self.due.reference.then(|| pack::reference(&self.states));
+        let deformed = self.due.deformed.then(|| pack::deformed(&self.states));
+        let pieces = topology.into_iter().chain(reference.into_iter().flatten());
+        pieces.chain(deformed.into_iter().flatten()).map(|piece| {
+            let resource = match piece.buffer {
+                WarpBuffer::Frames => Resource::ElementMaps,
+                WarpBuffer::Neighbours => Resource::Adjacency,
+                WarpBuffer::Starts => Resource::CellStarts,
+                WarpBuffer::Lists => Resource::CellElements,
+            };
+            (resource, piece)
+        })
+    }
+
+    /// All pieces are written.
+    pub fn is_uploaded(&mut self) {
+        (self.due, self.topology_due) = (Moved::default(), false);
+    }
+
+    pub fn params(&self) -> &WarpParams {
+        &self.params
+    }
+}
