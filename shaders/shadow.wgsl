@@ -18,7 +18,7 @@ struct Params {
 // Of the losses.
 @group(0) @binding(3) var<storage, read_write> through: array<f32>;
 @group(0) @binding(4) var<storage, read_write> losses: array<u32>;
-@group(0) @binding(5) var<storage, read> needle_mask: array<f32>;
+@group(0) @binding(5) var<storage, read> needle_mask: array<vec2<f32>>;
 
 // Of the penumbra.
 @group(0) @binding(3) var<storage, read> one_way: array<f32>;
@@ -35,7 +35,7 @@ fn tissue_loss(index: u32) -> u32 {
 }
 
 fn tissue_and_needle_loss(index: u32) -> u32 {
-    return tissue_loss(index) + u32(needle_mask[index] * params.needle_units);
+    return tissue_loss(index) + u32(needle_mask[index].y * params.needle_units);
 }
 
 // Exclusive prefix over the workgroup of each thread's sum; saturating addition of non-negative numbers is associative.

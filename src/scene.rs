@@ -164,6 +164,8 @@ impl Scene {
             Some(Needle::Still(pose)) => show(pose, &mut into.needle),
             Some(Needle::Moving { path, .. }) => show(&path.at(time_s), &mut into.needle),
         }
+        into.seeds.clear();
+        into.reference = None;
         match &self.deformation {
             None => into.nodes = None,
             Some(deformation) => {

@@ -9,15 +9,15 @@ pub mod tables;
 
 use nalgebra::Matrix4;
 
-use crate::effects::OutOfRange;
 use crate::effects::pass::Resource;
+use crate::effects::{OutOfRange, needle};
 use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
 use crate::volume::texture::AtlasFull;
 
-pub use frame::{Frame, FrameState, NeedleShaft};
+pub use frame::{Frame, FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
 use tables::{Anatomy, Settings, Tables};
 
 /// Why a frame cannot be synthesised.
@@ -137,6 +137,7 @@ impl Synthesizer {
             pixels: vec![0; tables.width() * tables.height()],
             image_to_world: Matrix4::identity(),
             pixel_mm: tables.image_grid.pixel_mm(),
+            left_out: 0,
         };
         Ok(Self {
             tables,
@@ -185,6 +186,7 @@ impl Synthesizer {
         if let Some(mesh) = &self.tables.anatomy.mesh {
             NodeCount::check(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
+        self.frame.left_out = needle::left_out(&self.tables, state);
         self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
         Ok(())
     }

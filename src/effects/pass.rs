@@ -63,9 +63,9 @@ pub enum Resource {
     PenumbraKernel,
     /// Per sample depth: distance between neighbouring scanlines, mm (`f32`).
     LineSpacing,
-    /// Segments of the needle shaft in the probe frame (`vec4<f32>` pairs).
+    /// Segments of needle and seeds in the probe frame (`vec4<f32>` pairs).
     Needle,
-    /// Per sample: share of the scan plane's thickness that the needle fills (`f32`).
+    /// Per sample: shares of the scan plane's thickness and of the beam that needle and seeds fill (`vec2<f32>`).
     NeedleMask,
     /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
     Loss,

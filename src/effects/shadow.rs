@@ -184,7 +184,7 @@ pub struct Params {
     pub reach: u32,
     /// Loss of a sample from which its tissue is opaque, units.
     pub opaque_units: u32,
-    /// Loss of a sample that the needle fills, units.
+    /// Loss of a sample where the needle fills plane and beam, units.
     pub needle_units: f32,
     /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
     pub exponent: f32,
@@ -199,7 +199,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         samples: tables.samples() as u32,
         reach: tables.penumbra.as_ref().map_or(0, |kernel| kernel.reach as u32),
         opaque_units: penumbra::opaque_units(tables.sample_mm()),
-        needle_units: needle_units(view),
+        needle_units: needle_units(tables),
         exponent: (0.5 * exponent_per_unit()) as f32,
         unused: [0; 2],
     })
@@ -210,26 +210,18 @@ pub fn exponent_per_unit() -> f64 {
     -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
 }
 
-/// Two-way loss in the needle of a frame, dB per mm of it along the beam and share of its plane: the needle takes the share
-/// of the beam that its plane fills across it.
-pub fn needle_db_mm(view: &View) -> f64 {
-    let effects = &view.tables.settings.effects;
-    let (Some(shadow), Some(needle), Some(shaft)) = (&effects.shadow, &effects.needle, &view.state.needle) else {
-        return 0.0;
-    };
-    let plane_mm = needle.thickness_mm.unwrap_or(shaft.diameter_mm);
-    shadow.needle_db_mm * (plane_mm / shadow.beam_mm).min(1.0)
-}
-
-fn needle_units(view: &View) -> f32 {
-    units(needle_db_mm(view) * view.tables.sample_mm()) as f32
+/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass says what share
+/// of the beam is in its way.
+pub fn needle_units(tables: &Tables) -> f32 {
+    let shadow = tables.settings.effects.shadow.as_ref();
+    units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
 }
 
 fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let loss: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss));
-    let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(view))));
+    let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let mask = &store.needle_mask;
     let exponent = T::of(0.5 * exponent_per_unit());
     store.amplitude_next[..lines * samples]
@@ -241,7 +233,7 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             let own = |i: usize| {
                 let tissue = loss[usize::from(labels[i])];
                 match needle {
-                    Some(units) => tissue + (mask[line * samples + i] * units).to_u32().unwrap_or(0),
+                    Some(units) => tissue + (mask[line * samples + i][1] * units).to_u32().unwrap_or(0),
                     None => tissue,
                 }
             };

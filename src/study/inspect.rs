@@ -6,8 +6,8 @@ mod report;
 
 use nalgebra::{Matrix4, Point3, Vector4};
 
-use crate::effects::pass::{Access, Pass, Resource, View};
-use crate::effects::shadow::{UNITS_PER_DB, needle_db_mm, transmittance};
+use crate::effects::pass::{Access, Pass, Resource};
+use crate::effects::shadow::{UNITS_PER_DB, transmittance};
 use crate::mechanics::mesh::locator::NONE;
 use crate::mechanics::mesh::map::{BACKGROUND, FOLDED};
 use crate::synth::layers::{Beam, world_position};
@@ -78,7 +78,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         texture: texture_report(tables, label, reference),
         speckle: stages.factor_of("speckle", synth),
         needle_share: last.needle.get(index).copied(),
-        shadow: shadow_report(tables, state, last, line, sample),
+        shadow: shadow_report(tables, last, line, sample),
         gain_db: 20.0 * tables.gain.of::<f64>().get(sample).map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
         interpolation: corners(last, at),
@@ -192,7 +192,7 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
     })
 }
 
-fn shadow_report(tables: &Tables, state: &FrameState, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
+fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Option<ShadowReport> {
     let start = line * beam.samples;
     let &units = beam.loss.get(start + sample)?;
     let mut taken: Vec<Taken> = Vec::new();
@@ -208,12 +208,8 @@ fn shadow_report(tables: &Tables, state: &FrameState, beam: &Beam, line: usize, 
         }),
         None => {}
     };
-    let view = View {
-        tables,
-        state,
-        warp: None,
-    };
-    let needle_db_mm = needle_db_mm(&view);
+    let shadow = tables.settings.effects.shadow.as_ref();
+    let needle_db_mm = shadow.map_or(0.0, |shadow| shadow.needle_db_mm);
     for at in 0..=sample {
         // A sample sees half of its own loss.
         let share = if at == sample { 0.5 } else { 1.0 };
@@ -226,7 +222,8 @@ fn shadow_report(tables: &Tables, state: &FrameState, beam: &Beam, line: usize, 
             share * f64::from(own) / UNITS_PER_DB,
         );
         if let Some(&fill) = beam.needle.get(start + at).filter(|&&fill| fill > 0.0) {
-            take("needle", mm * fill, mm * fill * needle_db_mm);
+            let shade = beam.shade.get(start + at).copied().unwrap_or(0.0);
+            take("needle", mm * fill, mm * shade * needle_db_mm);
         }
     }
     taken.sort_by(|a, b| b.db.total_cmp(&a.db));

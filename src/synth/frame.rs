@@ -1,6 +1,6 @@
 //! What goes into a frame, and what comes out.
 
-use nalgebra::{Matrix4, Point3};
+use nalgebra::{Matrix4, Point3, Vector3};
 
 /// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +9,22 @@ pub struct NeedleShaft {
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,
+}
+
+/// Length of a usual brachytherapy seed, mm.
+pub const SEED_LENGTH_MM: f64 = 4.5;
+/// Diameter of a usual brachytherapy seed, mm.
+pub const SEED_DIAMETER_MM: f64 = 0.8;
+
+impl NeedleShaft {
+    /// A brachytherapy seed about `centre_mm` (world) along a direction of any length.
+    pub fn seed(centre_mm: Point3<f64>, along: &Vector3<f64>) -> Self {
+        let half = along.normalize() * (SEED_LENGTH_MM / 2.0);
+        Self {
+            nodes: vec![centre_mm - half, centre_mm + half],
+            diameter_mm: SEED_DIAMETER_MM,
+        }
+    }
 }
 
 /// What changes from frame to frame.
@@ -20,6 +36,9 @@ pub struct FrameState {
     pub probe_to_world: Matrix4<f64>,
     /// The needle, if there is one in this frame.
     pub needle: Option<NeedleShaft>,
+    /// Seeds left in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those that
+    /// meet the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] tells of more.
+    pub seeds: Vec<NeedleShaft>,
     /// Current positions of the mesh nodes, mm; none leaves them where the last frame had them (at first: the reference).
     pub nodes: Option<Vec<[f64; 3]>>,
     /// Reference positions of the mesh nodes, mm, which remeshing moves; none leaves them where the last frame had them (at
@@ -34,6 +53,7 @@ impl FrameState {
             frame: 0,
             probe_to_world,
             needle: None,
+            seeds: Vec::new(),
             nodes: None,
             reference: None,
         }
@@ -53,4 +73,6 @@ pub struct Frame {
     pub image_to_world: Matrix4<f64>,
     /// Side of a pixel, mm.
     pub pixel_mm: f64,
+    /// Segments of needle and seeds that are not shown, being too many.
+    pub left_out: usize,
 }

@@ -11,7 +11,7 @@ use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use glam::{DVec4, Vec4};
 
-use crate::effects::needle;
+use crate::effects::needle::{self, Segment};
 use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
     self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms,
@@ -56,8 +56,7 @@ pub struct GpuExecutor {
     readbacks: Vec<Readback>,
     texture: Option<TextureOut>,
     warp: Option<Warp>,
-    segments: Vec<[[f64; 4]; 2]>,
-    segments_f32: Vec<[Vec4; 2]>,
+    segments: Vec<[Vec4; 2]>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
@@ -78,7 +77,6 @@ impl GpuExecutor {
             texture: None,
             warp: None,
             segments: Vec::with_capacity(needle::MAX_SEGMENTS),
-            segments_f32: Vec::with_capacity(needle::MAX_SEGMENTS),
             timer: None,
             times: Vec::new(),
             frame_ms: None,
@@ -307,14 +305,10 @@ impl GpuExecutor {
             warp: self.warp.as_ref().map(Warp::params),
         };
         if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
-            needle::segments(&view, &mut self.segments);
-            self.segments_f32.clear();
-            self.segments_f32.extend(
-                self.segments
-                    .iter()
-                    .map(|ends| ends.map(|end| DVec4::from(end).as_vec4())),
-            );
-            buffer.write(&self.gpu, 0, &self.segments_f32)?;
+            let rounded = |segment: Segment<f64>| segment.map(|end| DVec4::from(end).as_vec4());
+            self.segments.clear();
+            self.segments.extend(needle::segments(tables, state).map(rounded));
+            buffer.write(&self.gpu, 0, &self.segments)?;
         }
         for (slot, step) in self.steps.iter().enumerate() {
             self.uniforms
@@ -380,6 +374,7 @@ impl GpuExecutor {
         };
         let numbers =
             |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
+        let mask = numbers(words(Resource::NeedleMask, 2)?);
         Ok(Beam {
             lines: tables.lines(),
             samples: tables.samples(),
@@ -390,7 +385,8 @@ impl GpuExecutor {
             element: words(Resource::Element, 1)?,
             label: words(Resource::Label, 1)?.into_iter().map(|word| word as u8).collect(),
             amplitude: numbers(words(actual(Resource::Amplitude, flipped), 1)?),
-            needle: numbers(words(Resource::NeedleMask, 1)?),
+            needle: mask.iter().step_by(2).copied().collect(),
+            shade: mask.iter().skip(1).step_by(2).copied().collect(),
             loss: words(Resource::Loss, 1)?,
         })
     }

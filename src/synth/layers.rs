@@ -24,8 +24,10 @@ pub struct Beam {
     pub label: Vec<u8>,
     /// Echo amplitude; after `tone`, grey level.
     pub amplitude: Vec<f64>,
-    /// Share of the scan plane's thickness that the needle fills.
+    /// Share of the scan plane's thickness that needle and seeds fill.
     pub needle: Vec<f64>,
+    /// Share of the beam that needle and seeds are in the way of.
+    pub shade: Vec<f64>,
     /// Two-way loss, in units of [`crate::effects::shadow::UNITS_PER_DB`].
     pub loss: Vec<u32>,
 }
@@ -42,7 +44,8 @@ impl Beam {
             element: store.element.iter().take(count).copied().collect(),
             label: store.label.iter().take(count).copied().collect(),
             amplitude: wide(&store.amplitude),
-            needle: wide(&store.needle_mask),
+            needle: store.needle_mask.iter().map(|mask| mask[0].wide()).collect(),
+            shade: store.needle_mask.iter().map(|mask| mask[1].wide()).collect(),
             loss: store.loss.clone(),
         }
     }

@@ -1,7 +1,7 @@
 //! The working memory of the CPU backend: one vector a resource of the plan, none for what the plan does without.
 
 use super::tables::Tables;
-use crate::effects::needle::MAX_SEGMENTS;
+use crate::effects::needle::{MAX_SEGMENTS, Segment};
 use crate::effects::pass::Resource;
 use crate::mechanics::mesh::map::States;
 use crate::plan::Plan;
@@ -26,10 +26,10 @@ pub struct Store<T> {
     pub scatter: Vec<T>,
     /// [`Resource::ScatterAxial`], likewise.
     pub scatter_axial: Vec<T>,
-    /// [`Resource::Needle`]: start and end of each segment in the probe frame.
-    pub segments: Vec<[[f64; 4]; 2]>,
+    /// [`Resource::Needle`].
+    pub segments: Vec<Segment<f64>>,
     /// [`Resource::NeedleMask`].
-    pub needle_mask: Vec<T>,
+    pub needle_mask: Vec<[T; 2]>,
     /// [`Resource::Loss`].
     pub loss: Vec<u32>,
     /// [`Resource::Image`].
@@ -56,7 +56,7 @@ impl<T: Real> Store<T> {
         resize(&mut self.amplitude_next, count(Resource::AmplitudeNext, all), T::zero());
         resize(&mut self.scatter, count(Resource::Scatter, fine), T::zero());
         resize(&mut self.scatter_axial, count(Resource::ScatterAxial, fine), T::zero());
-        resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), T::zero());
+        resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
         resize(&mut self.image, count(Resource::Image, pixels), T::zero());
         resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
@@ -76,14 +76,14 @@ impl<T: Real> Store<T> {
             + self.amplitude_next.capacity()
             + self.scatter.capacity()
             + self.scatter_axial.capacity()
-            + self.needle_mask.capacity()
+            + 2 * self.needle_mask.capacity()
             + self.image.capacity();
         scalars * size_of::<T>()
             + self.position.capacity() * size_of::<[T; 4]>()
             + (self.element.capacity() + self.loss.capacity()) * size_of::<u32>()
             + self.label.capacity()
             + self.pixels.capacity()
-            + self.segments.capacity() * size_of::<[[f64; 4]; 2]>()
+            + self.segments.capacity() * size_of::<Segment<f64>>()
     }
 }
 

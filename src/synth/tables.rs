@@ -59,7 +59,7 @@ pub struct Settings {
     pub image: ImageSize,
     /// The effects and their parameters.
     pub effects: Effects,
-    /// Whether frames may hold a needle.
+    /// Whether frames may hold a needle or seeds; without it they show neither.
     pub has_needle: bool,
 }
 
@@ -302,7 +302,8 @@ impl Tables {
                 .atlas
                 .as_ref()
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
-            Resource::AmplitudeNext | Resource::NeedleMask | Resource::Loss => beam * 4,
+            Resource::AmplitudeNext | Resource::Loss => beam * 4,
+            Resource::NeedleMask => beam * 8,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,
             Resource::AxialKernel => {
                 self.speckle

@@ -10,6 +10,7 @@ use insonify::effects::Effects;
 use insonify::mechanics::mesh::Displacement;
 use insonify::synth::tables::{Anatomy, Settings};
 use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
+use nalgebra::Vector3;
 
 use support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use support::scene;
@@ -42,7 +43,7 @@ static ALLOCATOR: Counting = Counting;
 
 const FRAMES: usize = 100;
 
-/// All effects on tissue that deforms anew each frame, with a bent needle that moves.
+/// All effects on tissue that deforms and is remeshed anew each frame, with a bent needle that moves and seeds.
 fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
     let tissues = [
         SILENT,
@@ -79,14 +80,19 @@ fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
             };
             let mut state = scene::aimed([0.1 * share, 1.0, 0.3], [1.0, 20.0, 0.0], 0.05 * share);
             let mut nodes = Vec::new();
-            press.displace(mesh.nodes(), &mut nodes);
-            state.nodes = Some(nodes);
+            let mut reference = mesh.nodes().to_vec();
+            let moved = frame % reference.len();
+            reference[moved] = reference[moved].map(|x| x + 0.3);
+            press.displace(&reference, &mut nodes);
+            (state.nodes, state.reference) = (Some(nodes), Some(reference));
             state.frame = frame as u64;
             let shaft = [[-15.0, 4.0, 0.0], [-4.0, 14.0 + 0.1 * share, 0.3], [3.0, 24.0, 0.9]];
             state.needle = Some(NeedleShaft {
                 nodes: shaft.map(Into::into).to_vec(),
                 diameter_mm: 1.2,
             });
+            let seed = |at: usize| NeedleShaft::seed([at as f64 - 5.0, 20.0, share].into(), &Vector3::y());
+            state.seeds = (0..10).map(seed).collect();
             state
         })
         .collect();

@@ -1,7 +1,7 @@
 //! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by its
 //! root; in front of the tip and behind the hub the share may jump within rounding of the end.
 
-use insonify::effects::needle::{NeedleEcho, Params};
+use insonify::effects::needle::{NeedleEcho, Params, segments};
 use insonify::synth::NeedleShaft;
 use nalgebra::{Point3, Vector3};
 
@@ -21,7 +21,7 @@ struct Segment {
     size: f64,
 }
 
-/// Radius and thickness as both precisions hold them: rounded once.
+/// Radius of a shaft and thickness of the plane that sees it, as both precisions hold them: rounded once.
 struct Plane {
     radius: f64,
     thickness: f64,
@@ -94,28 +94,29 @@ impl Segment {
 pub fn carry(step: &Step, slack: &mut Slack) {
     let own = step.tables.settings.effects.needle.clone().unwrap_or_default();
     slack.mask = vec![0.0; step.lines() * step.samples()];
-    let Some(needle) = &step.state.needle else { return };
-    let to_probe = step.state.probe_to_world.try_inverse().expect("an invertible pose");
-    let nodes: Vec<Point3<f64>> = needle.nodes.iter().map(|node| to_probe.transform_point(node)).collect();
-    let plane = Plane {
-        radius: needle.diameter_mm / 2.0,
-        thickness: own.thickness_mm.unwrap_or(needle.diameter_mm),
-    };
+    slack.shade = slack.mask.clone();
     // Stored once for all backends: the reference reads the same rounded numbers.
     let numbers = Params {
-        radius_mm: plane.radius as f32,
-        thickness_mm: plane.thickness as f32,
         echo: 10f64.powf(own.echo_db / 20.0) as f32,
         reverberation: 10f64.powf(-own.reverberation_db / 20.0) as f32,
         reverberation_mm: own.reverberation_mm as f32,
         ..bytemuck::Zeroable::zeroed()
     };
-    let plane = Plane {
-        radius: f64::from(numbers.radius_mm),
-        thickness: f64::from(numbers.thickness_mm),
-    };
-    for pair in nodes.windows(2) {
-        let segment = Segment::new(pair[0], pair[1]);
+    let beam_mm = step
+        .tables
+        .settings
+        .effects
+        .shadow
+        .as_ref()
+        .map(|shadow| shadow.beam_mm);
+    for [start, end] in segments(step.tables, step.state) {
+        let plane = Plane {
+            radius: start[3],
+            thickness: end[3],
+        };
+        let of_beam = beam_mm.map_or(0.0, |beam_mm| (plane.thickness / beam_mm).min(1.0));
+        let point = |end: [f64; 4]| Point3::new(end[0], end[1], end[2]);
+        let segment = Segment::new(point(start), point(end));
         for line in 0..step.lines() {
             let ray = step.tables.rays[line];
             let cosine = ray[2] * segment.axis.x + ray[3] * segment.axis.y;
@@ -134,7 +135,13 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     let repeated = (f64::from(repetition) + 4.0) * ULP;
                     slack.amplitude[index] += echo * (square * (share_off + repeated) + square_off);
                     if repetition == 0 {
-                        slack.mask[index] = (slack.mask[index] + share_off + ULP).min(1.0);
+                        let before = slack.mask[index];
+                        slack.mask[index] = (before + share_off + ULP).min(1.0);
+                        // Nothing comes or goes where the share is nil on both sides. Else what is shaded grows by as much as
+                        // what is filled: a difference of two sums, times the share of the beam (stored and multiplied), added.
+                        if share_off > 0.0 {
+                            slack.shade[index] += of_beam * (before + slack.mask[index]) + 5.0 * ULP;
+                        }
                     }
                     echo *= f64::from(numbers.reverberation);
                 }
@@ -227,4 +234,45 @@ fn no_needle_in_this_frame() {
             scenes::oblique_pose(),
         )],
     );
+}
+
+#[test]
+fn seeds_with_and_without_a_needle() {
+    let seeds: [([f64; 3], [f64; 3], f64); 6] = [
+        ([-6.0, 12.0, 0.0], [1.0, 0.0, 0.0], 0.8),
+        ([2.0, 15.0, 0.2], [0.0, 1.0, 0.0], 0.8),
+        ([4.0, 24.0, -0.3], [0.0, 0.0, 1.0], 0.8),
+        ([-3.0, 28.0, 0.1], [0.3, 0.8, 0.2], 2.5),
+        // Over the one before, and out of the plane.
+        ([-3.2, 28.3, 0.1], [1.0, 0.8, 0.2], 0.8),
+        ([0.0, 20.0, 6.0], [0.0, 1.0, 0.0], 0.8),
+    ];
+    let mut cases = Vec::new();
+    for (at, (kind, shape)) in SHAPES.into_iter().enumerate() {
+        let effects = [scene::bare(), scenes::all_effects()][at % 2].clone();
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), effects);
+        settings.has_needle = true;
+        settings.effects.needle = Some(NeedleEcho {
+            thickness_mm: (at % 3 == 2).then_some(1.5),
+            ..Default::default()
+        });
+        settings.effects.shadow = Some(Default::default());
+        let mut state = scenes::oblique_pose();
+        state.seeds = seeds
+            .iter()
+            .map(|&(centre, along, diameter_mm)| {
+                let pose = state.probe_to_world;
+                let centre = pose.transform_point(&centre.into());
+                let mut seed = NeedleShaft::seed(centre, &pose.transform_vector(&along.into()));
+                seed.diameter_mm = diameter_mm;
+                seed
+            })
+            .collect();
+        let alone = Case::new(format!("seeds, {kind}"), scenes::random_anatomy(), settings, state);
+        let mut beside = alone.clone();
+        beside.name = format!("needle and seeds, {kind}");
+        beside.state = scenes::with_needle(beside.state);
+        cases.extend([alone, beside]);
+    }
+    check_all("seeds", &cases);
 }

@@ -1,8 +1,7 @@
 //! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over the beam.
 
-use insonify::effects::pass::View;
 use insonify::effects::shadow::penumbra::opaque_units;
-use insonify::effects::shadow::{MOST_UNITS, Shadow, exponent_per_unit, needle_db_mm, units};
+use insonify::effects::shadow::{MOST_UNITS, Shadow, exponent_per_unit, needle_units};
 
 use crate::case::{Case, check_all};
 use crate::rounding::{DIVIDE, TINY, ULP, exp2};
@@ -13,15 +12,7 @@ use crate::support::scene::{self, SHAPES};
 /// Past the pass of the losses, which leaves echoes as they are.
 pub fn carry_loss(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let view = View {
-        tables,
-        state: step.state,
-        warp: None,
-    };
-    let needle = tables
-        .settings
-        .has_needle
-        .then(|| f64::from(units(needle_db_mm(&view) * tables.sample_mm())));
+    let needle = tables.settings.has_needle.then(|| f64::from(needle_units(tables)));
     let tissue = |label: u8| f64::from(tables.label_rows[usize::from(label)].loss);
     slack.loss = vec![0.0; step.after.loss.len()];
     for line in 0..step.lines() {
@@ -29,12 +20,12 @@ pub fn carry_loss(step: &Step, slack: &mut Slack) {
         for sample in 0..step.samples() {
             let index = line * step.samples() + sample;
             let mut own = (tissue(step.after.label[index]) - tissue(step.twin.label[index])).abs();
-            let mask_off = slack.mask.get(index).copied().unwrap_or(0.0);
+            let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
             if let Some(units) = needle
-                && mask_off > 0.0
+                && shade_off > 0.0
             {
                 // Cutting the product to a whole number of units may take one more or less.
-                own += units * (mask_off + ULP) + 1.0;
+                own += units * (shade_off + ULP) + 1.0;
             }
             // Half of the sample's own loss, again cut to whole units.
             let halved = if own > 0.0 { 0.5 * own + 1.0 } else { 0.0 };

@@ -20,6 +20,8 @@ pub struct Slack {
     pub amplitude: Vec<f64>,
     /// Of the share of the plane that the needle fills.
     pub mask: Vec<f64>,
+    /// Of the share of the beam that is in the shadow of the needle.
+    pub shade: Vec<f64>,
     /// Of the loss, fixed-point units.
     pub loss: Vec<f64>,
 }
@@ -126,9 +128,10 @@ fn compare(name: &str, step: &Step, slack: &Slack) {
             );
         }
     }
-    let fields: [(&str, &[f64], &[f64], &[f64]); 2] = [
+    let fields: [(&str, &[f64], &[f64], &[f64]); 3] = [
         ("amplitude", &exact.amplitude, &twin.amplitude, &slack.amplitude),
         ("needle", &exact.needle, &twin.needle, &slack.mask),
+        ("shade", &exact.shade, &twin.shade, &slack.shade),
     ];
     for (what, exact, twin, slack) in fields {
         assert_eq!(exact.len(), twin.len(), "{name}: {what}");

@@ -14,6 +14,7 @@ mod needle;
 mod noise;
 mod receiver;
 mod scan_conversion;
+mod seeds;
 mod shadow;
 mod slice;
 mod speckle;
