@@ -20,6 +20,7 @@ mod slice;
 mod speckle;
 mod speckle_motion;
 mod thickness;
+mod tissue_motion;
 mod tone;
 
 use insonify::synth::layers::Beam;
