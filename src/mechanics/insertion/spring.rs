@@ -1,0 +1,289 @@
+//! Tissue as masses and springs in a cylinder around the path of the needle: the light alternative to finite elements of the
+//! training system paper (section 2.2).
+//!
+//! Before the needle breaks the skin there is no mesh but an [`Anatomy`]: what lies where. The elements of the cylinder are
+//! made with the model and never change; where it lies follows when the tip comes into the body: from the point of entry along
+//! the needle. Until then it lies before the tip of the first step, at rest, so that an image made from it shows the tissue
+//! as it is. Every entry from outside puts it anew, at rest; after the needle has come out it stays until then. Its side and
+//! its far end are fixed. Tissue is one material throughout; regions differ in what they do to the needle.
+//!
+//! Nodes on the shaft are a stack; its last node is held at the tip until it is penetrated: when the far face of the element
+//! before the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the needle is moved to
+//! the tip and is the tip node. Drawing the needle back empties the tip, and nodes that come off the needle go home, last
+//! first. The tip pushes its node ahead with the tissue's `cutting_n` at most (`puncture_n` where a surface is met): a node
+//! that needs more slides back along the shaft under that force. With a large `cutting_n` the paper's rule alone decides.
+//!
+//! A step is cut into equal parts: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
+//! [`Parameters::most_substeps`], and that in none of them base or tip goes farther than half of what the rule of penetration
+//! looks ahead, up to [`MOST_PARTS`]. A part that would still be too long for stability lets the tissue live through the
+//! longest time that is stable: it is then slower on its way to equilibrium than it would be, and goes to the same place. A
+//! step that would need more than `MOST_PARTS` is reported as not converged. In each part the needle's shape is found once,
+//! from the forces of the part before; a needle that bends is then brought together with the tissue by its flexibility (one
+//! linear solve), which is as good as iterated while the needle turns little in a part.
+//!
+//! What the hand feels is the mean over the parts of a step.
+
+mod body;
+mod bone;
+mod cholesky;
+mod contacts;
+mod cylinder;
+mod geometry;
+mod imager;
+mod network;
+mod parameters;
+mod saving;
+mod state;
+mod step;
+mod tip;
+mod topology;
+
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Debug;
+
+use nalgebra::{Isometry3, Point3, Translation3};
+
+use super::{EventKind, Field, Imager, Instruments, Interaction, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use crate::mechanics::needle::{Load, Needle};
+use body::Body;
+use contacts::Contacts;
+use cylinder::Cylinder;
+use network::Network;
+pub use parameters::{InvalidParameters, LEAST_DIHEDRAL_DEG, MOST_NODES, Parameters};
+
+/// The most parts that a step is cut into.
+pub const MOST_PARTS: usize = 4096;
+
+/// What lies where, and what it does to a needle.
+pub trait Anatomy: Send + Debug {
+    /// The region at a point of the undeformed body (mm); none outside the body.
+    fn region(&self, point_mm: &Point3<f64>) -> Option<i32>;
+
+    /// How a needle and this region act on each other. Numbers that fail [`Interaction::check`] count as the default.
+    fn interaction(&self, region: i32) -> Interaction;
+}
+
+/// The model.
+#[derive(Debug)]
+pub struct MassSpring {
+    parameters: Parameters,
+    anatomy: Box<dyn Anatomy>,
+    needle: Box<dyn Needle>,
+    network: Network,
+    contacts: Contacts,
+    body: Body,
+    outcome: Outcome,
+    /// Of the cylinder, to world.
+    frame: Isometry3<f64>,
+    loads: Vec<Load>,
+    skin_nodes: usize,
+    least_dihedral_deg: f64,
+    /// The shortest edge at home, mm.
+    spacing_mm: f64,
+}
+
+impl MassSpring {
+    /// A model at rest. `anatomy` is what the needle is moved into.
+    ///
+    /// # Errors
+    /// [`InvalidParameters`].
+    pub fn new(
+        parameters: Parameters,
+        anatomy: Box<dyn Anatomy>,
+        needle: Box<dyn Needle>,
+    ) -> Result<MassSpring, InvalidParameters> {
+        let cylinder = Cylinder::new(&parameters)?;
+        let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
+        let network = Network::new(cylinder, &parameters);
+        let most = 4 * parameters.layers;
+        Ok(MassSpring {
+            spacing_mm: network.shortest_edge_mm(),
+            parameters,
+            anatomy,
+            needle,
+            network,
+            contacts: Contacts::new(most),
+            body: Body::default(),
+            outcome: Outcome::default(),
+            frame: Isometry3::identity(),
+            loads: Vec::with_capacity(most + 1),
+            skin_nodes,
+            least_dihedral_deg,
+        })
+    }
+
+    /// The least angle between two faces of an element at home, degrees.
+    pub fn least_dihedral_deg(&self) -> f64 {
+        self.least_dihedral_deg
+    }
+
+    /// The longest part of a step that is stable while every node is at home, s.
+    pub fn explicit_limit_s(&self) -> f64 {
+        self.network.limit_s
+    }
+
+    /// Energy of tissue, elastic and of motion, N mm.
+    pub fn energy_nmm(&self) -> f64 {
+        self.network.energy()
+    }
+
+    /// Whether tissue moves, or may: one that has come to rest without a needle in it costs nothing.
+    pub fn is_awake(&self) -> bool {
+        self.body.awake
+    }
+
+    /// Where the needle comes from at the first step: one that begins in the body has been pushed in along itself.
+    fn begin(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
+        self.needle.place(base, None, &[], &mut self.body.line);
+        let inside = self.anatomy.region(&self.body.line.tip()).is_some();
+        let back = if inside { self.needle.length_mm() } else { 0.0 };
+        let from = base * Translation3::new(0.0, 0.0, -back);
+        self.needle.place(&from, None, &[], &mut self.body.line);
+        let tip = self.tip();
+        self.put(&step::frame_at(&tip.point_mm, &tip.tangent));
+        from
+    }
+
+    fn put(&mut self, frame: &Isometry3<f64>) {
+        self.frame = *frame;
+        self.network.place(frame);
+    }
+
+    /// How many parts a step is cut into, and whether they are as many as they should be.
+    fn parts(&self, from: &Isometry3<f64>, to: &Isometry3<f64>, dt_s: f64) -> (usize, bool) {
+        let for_stability = match self.body.awake {
+            true => (dt_s / self.network.limit_s).ceil(),
+            false => 1.0,
+        };
+        let length = self.needle.length_mm();
+        let base = (to.translation.vector - from.translation.vector).norm();
+        let tip = (bone::unloaded_tip(to, length) - bone::unloaded_tip(from, length)).norm();
+        let farthest = 1.5 * self.parameters.lambda * self.spacing_mm;
+        let for_motion = (base.max(tip) / farthest).ceil();
+        let most = self.parameters.most_substeps as f64;
+        let parts = for_stability.min(most).max(for_motion).clamp(1.0, MOST_PARTS as f64);
+        (parts as usize, for_motion <= MOST_PARTS as f64)
+    }
+
+    /// Fills in what is known only at the end of a step.
+    fn conclude(&mut self, instruments: &Instruments, parts: usize) {
+        let tip = self.body.line.tip();
+        let length = self.body.line.length_mm();
+        if instruments.deposit {
+            let found = self
+                .network
+                .locate(&tip.coords, self.body.element)
+                .filter(|_| self.body.awake);
+            let reference = found.map_or(tip.coords, |(element, at)| self.network.to_reference(element, &at));
+            self.body.seeds.push(reference.into());
+            self.event(EventKind::Seed, tip, self.body.region);
+        }
+        let crushed = self
+            .network
+            .crushed(self.contacts.stack.iter().map(|contact| contact.node));
+        if crushed > 0 && self.outcome.crushed == 0 {
+            self.event(EventKind::Crushed, tip, self.body.region);
+        }
+        let stack = &self.contacts.stack;
+        self.outcome = Outcome {
+            on_hand: Wrench {
+                force_n: self.outcome.on_hand.force_n / parts as f64,
+                torque_nmm: self.outcome.on_hand.torque_nmm / parts as f64,
+            },
+            tip_mm: tip,
+            tip_deflection_mm: (tip - bone::unloaded_tip(&instruments.base, length)).norm(),
+            inserted_mm: stack.first().map_or(0.0, |first| (length - first.arc).max(0.0)),
+            contacts: stack.len(),
+            stuck: stack.iter().filter(|contact| contact.stuck).count(),
+            substeps: parts,
+            iterations: parts,
+            crushed,
+            events: std::mem::take(&mut self.outcome.events),
+            ..self.outcome
+        };
+    }
+}
+
+impl Model for MassSpring {
+    fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
+        check(instruments, dt_s)?;
+        let to = instruments.base;
+        let from = match self.body.base {
+            Some(base) => base,
+            None => self.begin(&to),
+        };
+        let (parts, enough) = self.parts(&from, &to, dt_s);
+        self.body.step += 1;
+        self.body.time_s += dt_s;
+        self.outcome.on_hand = Wrench::default();
+        self.outcome.remeshes = 0;
+        self.outcome.converged = enough;
+        self.outcome.events.clear();
+        let h = (dt_s / parts as f64).min(self.network.limit_s);
+        for part in 1..=parts {
+            let share = part as f64 / parts as f64;
+            let hand = match part == parts || from == to {
+                true => to,
+                false => from.try_lerp_slerp(&to, share, f64::EPSILON).unwrap_or(to),
+            };
+            self.part(&hand, h);
+        }
+        self.body.base = Some(to);
+        if !enough {
+            self.event(EventKind::NotConverged, self.body.line.tip(), self.body.region);
+        }
+        self.conclude(instruments, parts);
+        self.settle();
+        Ok(&self.outcome)
+    }
+
+    fn outcome(&self) -> &Outcome {
+        &self.outcome
+    }
+
+    fn snapshot(&mut self, into: &mut Snapshot) {
+        into.step = self.body.step;
+        into.time_s = self.body.time_s;
+        into.line.clone_from(&self.body.line);
+        into.seeds.clone_from(&self.body.seeds);
+        into.moved.clear();
+        let reference = (0..).zip(&self.network.reference);
+        into.moved.extend(reference.map(|(node, at)| (node, (*at).into())));
+        let mut field = match std::mem::take(&mut into.field) {
+            Field::Displacement(field) => field,
+            Field::BaseForces(_) => Vec::new(),
+        };
+        field.clear();
+        field.extend(self.network.displacement.iter().map(|&by| <[f64; 3]>::from(by)));
+        into.field = Field::Displacement(field);
+    }
+
+    fn imager(&self) -> Box<dyn Imager> {
+        Box::new(imager::Moved::new(self.network.elements.clone(), &self.network.home))
+    }
+
+    fn save(&mut self) -> Saved {
+        self.to_saved()
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
+        self.from_saved(saved)
+    }
+}
+
+fn check(instruments: &Instruments, dt_s: f64) -> Result<(), StepError> {
+    let error = |what, found, expected| Err(StepError::Input { what, found, expected });
+    if !(dt_s.is_finite() && dt_s > 0.0) {
+        return error("the time", dt_s, "a finite number above 0");
+    }
+    let pose = &instruments.base;
+    let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
+    match numbers.copied().find(|number| !number.is_finite()) {
+        Some(found) => error("the needle's base", found, "finite numbers"),
+        None => Ok(()),
+    }
+}

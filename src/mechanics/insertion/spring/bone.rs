@@ -1,0 +1,48 @@
+//! Bone under the tip: a penalty force, and a needle that stays behind the hand.
+
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
+
+use crate::mechanics::insertion::Bone;
+use crate::mechanics::needle::Load;
+
+/// Bone that the tip has met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hold {
+    /// Where the tip of the unloaded needle was when the tip met the bone, mm.
+    pub at: Point3<f64>,
+    /// The direction of the needle then.
+    pub direction: Unit<Vector3<f64>>,
+    pub bone: Bone,
+}
+
+impl Hold {
+    /// How deep the tip would be if nothing held it, mm.
+    fn depth(&self, base: &Isometry3<f64>, length_mm: f64) -> f64 {
+        (unloaded_tip(base, length_mm) - self.at).dot(&self.direction)
+    }
+
+    /// Whether the needle has been drawn back from it.
+    pub fn is_left(&self, base: &Isometry3<f64>, length_mm: f64) -> bool {
+        self.depth(base, length_mm) <= 0.0
+    }
+
+    /// Where the base of the needle stays while the hand is at `base`: the tip goes no deeper than the bone lets it.
+    pub fn hold_back(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
+        let too_deep = (self.depth(base, length_mm) - self.bone.penetration_mm).max(0.0);
+        Translation3::from(self.direction.into_inner() * -too_deep) * base
+    }
+
+    /// The penalty.
+    pub fn load(&self, base: &Isometry3<f64>, length_mm: f64) -> Load {
+        let depth = self.depth(base, length_mm).clamp(0.0, self.bone.penetration_mm);
+        Load {
+            arc_mm: length_mm,
+            force_n: self.direction.into_inner() * (-self.bone.stiffness_n_per_mm * depth),
+        }
+    }
+}
+
+/// The tip of a needle that nothing bends.
+pub(super) fn unloaded_tip(base: &Isometry3<f64>, length_mm: f64) -> Point3<f64> {
+    base * Point3::new(0.0, 0.0, length_mm)
+}

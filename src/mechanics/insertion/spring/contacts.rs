@@ -1,0 +1,217 @@
+//! The stack of shaft nodes: they stay on the needle and slide along it against friction.
+//!
+//! In a step of h a node moves as if the needle were not there; what brings it back to the needle is the force between them.
+//! Across the shaft all of it is taken back. Along the shaft no more than friction allows: a force F moves a node of mass m by
+//! F h^2 / m in that step, so that a node which friction can keep where it is on the shaft sticks, and any other is moved
+//! back by what friction can. This is Coulomb's law at the end of the step, within its bound by construction and never a
+//! source of energy, however long the step.
+//!
+//! Across a needle that bends, the forces f on it and the deflections that they cause fit at the end of the step: with r by
+//! how much the nodes would miss the shaft under the forces of before, C the needle's flexibility and D the diagonal of
+//! h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way round.
+
+use faer::Mat;
+use nalgebra::{Unit, Vector3};
+
+use super::cholesky;
+use super::network::Network;
+use crate::mechanics::insertion::Interaction;
+use crate::mechanics::needle::{CentreLine, Load, Needle, Row};
+
+/// Arcs that differ by less are one, mm.
+pub(super) const SAME_ARC_MM: f64 = 1e-9;
+
+/// A node on the shaft.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Contact {
+    pub node: u32,
+    /// Where on the shaft, mm from its base.
+    pub arc: f64,
+    /// Whether it stays there.
+    pub stuck: bool,
+    /// The region that it lies in.
+    pub region: Option<i32>,
+    /// What it does to the needle, N.
+    pub force: Vector3<f64>,
+}
+
+/// How the needle moves, and what it may do to the last node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Travel {
+    pub advancing: bool,
+    pub retracting: bool,
+    /// If the last node is the tip node: the force with which the tip can push it ahead, N.
+    pub push: Option<f64>,
+}
+
+/// The stack, base first.
+#[derive(Clone, Debug)]
+pub(super) struct Contacts {
+    pub stack: Vec<Contact>,
+    before: Vec<Vector3<f64>>,
+    tangents: Vec<Unit<Vector3<f64>>>,
+    misses: Vec<Vector3<f64>>,
+    rows: Vec<Row>,
+    flexibility: Mat<f64>,
+    system: Vec<f64>,
+    across: Vec<f64>,
+}
+
+impl Contacts {
+    pub fn new(most: usize) -> Contacts {
+        Contacts {
+            stack: Vec::with_capacity(most),
+            before: Vec::with_capacity(most),
+            tangents: Vec::with_capacity(most),
+            misses: Vec::with_capacity(most),
+            rows: Vec::with_capacity(2 * most),
+            flexibility: Mat::new(),
+            system: Vec::new(),
+            across: Vec::with_capacity(2 * most),
+        }
+    }
+
+    /// Keeps where the nodes are before the tissue moves.
+    pub fn remember(&mut self, network: &Network) {
+        self.before.clear();
+        let displacements = self
+            .stack
+            .iter()
+            .map(|contact| network.displacement[contact.node as usize]);
+        self.before.extend(displacements);
+    }
+
+    /// Writes what the nodes do to the needle.
+    pub fn loads(&self, into: &mut Vec<Load>) {
+        into.extend(self.stack.iter().map(|contact| Load {
+            arc_mm: contact.arc,
+            force_n: contact.force,
+        }));
+    }
+
+    /// Friction of one contact, N: of the shaft from its node to the next, and near an advancing tip of the peak there.
+    fn friction(&self, place: usize, tip: f64, advancing: bool, of: &Interaction) -> f64 {
+        let from = self.stack[place].arc.clamp(0.0, tip);
+        let to = self.stack.get(place + 1).map_or(tip, |next| next.arc.clamp(from, tip));
+        let peak = of.peak.filter(|_| advancing).map_or(0.0, |peak| {
+            peak.density_n_per_mm * (to - from.max(tip - peak.width_mm)).max(0.0)
+        });
+        of.friction_n_per_mm * (to - from) + peak
+    }
+
+    /// Brings the nodes back to the shaft, which lies as `line` says under the forces of before. Returns whether the node of
+    /// the tip has slipped back from it.
+    pub fn solve(
+        &mut self,
+        network: &mut Network,
+        h: f64,
+        line: &CentreLine,
+        needle: &dyn Needle,
+        travel: Travel,
+        interaction: impl Fn(Option<i32>) -> Interaction,
+    ) -> bool {
+        self.tangents.clear();
+        self.misses.clear();
+        let mut cut = false;
+        for place in 0..self.stack.len() {
+            let contact = self.stack[place];
+            let on_shaft = line.at(contact.arc);
+            let miss = network.now(contact.node) - on_shaft.point_mm.coords;
+            let along = miss.dot(&on_shaft.tangent);
+            let tip = line.length_mm();
+            let of = interaction(contact.region);
+            let sliding = self.friction(place, tip, travel.advancing, &of);
+            let friction = if contact.stuck {
+                sliding * of.static_ratio
+            } else {
+                sliding
+            };
+            let last = place + 1 == self.stack.len();
+            let tip_node = last && travel.push.is_some();
+            let push = travel.push.filter(|_| last).unwrap_or(0.0);
+            let reach = h * h / network.moving_mass(contact.node, h);
+            let kept = if along < 0.0 { friction + push } else { friction };
+            let stuck = along.abs() <= kept * reach;
+            let mut slip = match stuck {
+                true => 0.0,
+                false => along - along.signum() * (if along < 0.0 { sliding + push } else { sliding }) * reach,
+            };
+            if along * slip < 0.0 {
+                // Static friction is more than the sliding friction that would turn it back.
+                slip = 0.0;
+            }
+            if !travel.retracting {
+                slip = slip.min((tip - contact.arc).max(0.0));
+            }
+            cut |= tip_node && slip < 0.0;
+            let contact = &mut self.stack[place];
+            contact.stuck = slip == 0.0;
+            contact.arc += slip;
+            self.tangents.push(on_shaft.tangent);
+            // What is left is taken back.
+            self.misses.push(miss - on_shaft.tangent.into_inner() * slip);
+        }
+        if needle.is_flexible() && !self.stack.is_empty() {
+            self.bend(network, h, line, needle);
+        }
+        for (place, contact) in self.stack.iter_mut().enumerate() {
+            let node = contact.node as usize;
+            let back = self.misses[place];
+            contact.force = back * (network.moving_mass(contact.node, h) / (h * h));
+            network.displacement[node] -= back;
+            network.velocity[node] = (network.displacement[node] - self.before[place]) / h;
+        }
+        cut
+    }
+
+    /// Lets the needle bend: takes from the misses what it comes towards the nodes.
+    fn bend(&mut self, network: &Network, h: f64, line: &CentreLine, needle: &dyn Needle) {
+        self.rows.clear();
+        for (contact, tangent) in self.stack.iter().zip(&self.tangents) {
+            for direction in across(tangent) {
+                self.rows.push(Row {
+                    arc_mm: contact.arc.clamp(0.0, line.length_mm()),
+                    direction,
+                });
+            }
+        }
+        let count = self.rows.len();
+        self.flexibility.resize_with(count, count, |_, _| 0.0);
+        self.flexibility.fill(0.0);
+        needle.flexibility(line, &self.rows, &mut self.flexibility);
+        self.system.clear();
+        self.across.clear();
+        for row in 0..count {
+            let contact = &self.stack[row / 2];
+            let yielding = h * h / network.moving_mass(contact.node, h);
+            let mut right = self.misses[row / 2].dot(&self.rows[row].direction);
+            for column in 0..count {
+                let before = self.stack[column / 2].force.dot(&self.rows[column].direction);
+                right += self.flexibility[(row, column)] * before;
+            }
+            self.across.push(right);
+            let entries = (0..count).map(|column| self.flexibility[(row, column)]);
+            self.system.extend(entries);
+            self.system[row * count + row] += yielding;
+        }
+        cholesky::solve(&mut self.system, &mut self.across);
+        for (row, force) in self.across.iter().enumerate() {
+            let contact = &self.stack[row / 2];
+            let yielding = h * h / network.moving_mass(contact.node, h);
+            let direction = self.rows[row].direction;
+            let miss = self.misses[row / 2].dot(&direction);
+            self.misses[row / 2] += direction * (force * yielding - miss);
+        }
+    }
+}
+
+/// Two directions across a shaft.
+fn across(tangent: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
+    let axis = match tangent.iamin() {
+        0 => Vector3::x(),
+        1 => Vector3::y(),
+        _ => Vector3::z(),
+    };
+    let first = tangent.cross(&axis).normalize();
+    [first, tangent.cross(&first)]
+}

@@ -1,0 +1,383 @@
+//! Masses and springs on the edges of the cylinder.
+//!
+//! A spring has the stiffness k = sum of E V / L^2 over the tetrahedra that share its edge (A. Van Gelder, "Approximate
+//! simulation of elastic membranes by triangulated spring meshes", J. Graphics Tools 3, 1998, taken to three dimensions). Where
+//! edges point everywhere alike this is an isotropic solid of Young's modulus E and, as in all networks of central forces,
+//! Poisson's ratio 1/4: the energy density under a strain e is E / 2 times the sum over a tetrahedron's six edges t of
+//! (t . e t)^2, whose mean over directions is that of a solid whose Lame parameters are both 0.4 E.
+//!
+//! A spring answers to what its ends are displaced along its direction at rest, as the finite elements of this crate do: the
+//! stiffness changes only where nodes are moved, so that the stable step is known, energy is a quadratic form, and the only
+//! place of equilibrium without a load is the place of rest. A node has a quarter of the mass of each of its elements.
+//!
+//! The step is the symplectic Euler one: velocities from the forces of before, places from the velocities of now. With the
+//! mode of highest frequency w, w^2 being bounded by L, and with springs damped by b times their stiffness, it is stable for
+//! L (h^2 / 4 + b h / 2) < 1 (from the roots of its characteristic polynomial); undamped, h < 2 / w.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::cylinder::Cylinder;
+use super::geometry::{self, Simplex};
+use super::parameters::Parameters;
+use super::topology::Topology;
+use crate::mechanics::mesh::NONE;
+
+/// N/mm^2 in a kPa.
+const MEGAPASCAL: f64 = 1e-3;
+/// Tonnes (N s^2/mm) per mm^3 in a kg/m^3.
+const TONNE_PER_MM3: f64 = 1e-12;
+/// How much of the bound on the step is used: it keeps rounding off the edge.
+const SAFETY: f64 = 0.95;
+/// A move that leaves an element less than this share of its volume at home is refused.
+const FLATTEST: f64 = 0.02;
+/// Elements that a walk to a point passes before all of them are tried.
+const LONGEST_WALK: usize = 64;
+/// A point that misses an element by less than this is in it.
+const SLACK: f64 = 1e-9;
+
+/// Masses and springs.
+#[derive(Clone, Debug)]
+pub(super) struct Network {
+    pub elements: Arc<[[u32; 4]]>,
+    neighbours: Vec<[u32; 4]>,
+    topology: Topology,
+    pub fixed: Vec<bool>,
+    /// Nodes of the mesh in its own frame.
+    own: Vec<Vector3<f64>>,
+    /// Young's modulus, N/mm^2.
+    young: f64,
+    /// Density, N s^2/mm^4.
+    density: f64,
+    /// Damping of springs over their stiffness, s.
+    spring_damping: f64,
+    /// Rate of damping by mass, 1/s.
+    damping: f64,
+    /// Where the nodes rest before any is moved, mm.
+    pub home: Vec<Vector3<f64>>,
+    /// Where they rest, mm.
+    pub reference: Vec<Vector3<f64>>,
+    /// mm.
+    pub displacement: Vec<Vector3<f64>>,
+    /// mm/s.
+    pub velocity: Vec<Vector3<f64>>,
+    /// N.
+    pub force: Vec<Vector3<f64>>,
+    /// Displacement and what damping adds to it, mm.
+    strain: Vec<Vector3<f64>>,
+    /// N s^2/mm.
+    pub mass: Vec<f64>,
+    /// Direction of each edge times the root of its stiffness.
+    spring: Vec<Vector3<f64>>,
+    /// Bound of each node's rows of M^-1 K, 1/s^2.
+    bound: Vec<f64>,
+    /// The longest step that is stable while every node is at home, s. A node that is moved nearer to another becomes as much
+    /// heavier as a step of this length needs (see [`Network::moving_mass`]).
+    pub limit_s: f64,
+}
+
+impl Network {
+    /// At rest, in the frame of the cylinder.
+    pub fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
+        let own: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
+        let count = own.len();
+        let topology = Topology::new(count, cylinder.mesh.elements());
+        let zero = vec![Vector3::zeros(); count];
+        let mut network = Network {
+            elements: cylinder.mesh.elements().into(),
+            neighbours: cylinder.mesh.neighbours().to_vec(),
+            fixed: cylinder.fixed,
+            young: parameters.young_kpa * MEGAPASCAL,
+            density: parameters.density_kg_per_m3 * TONNE_PER_MM3,
+            spring_damping: parameters.spring_damping_s,
+            damping: parameters.damping_per_s,
+            home: own.clone(),
+            reference: own.clone(),
+            own,
+            displacement: zero.clone(),
+            velocity: zero.clone(),
+            force: zero.clone(),
+            strain: zero,
+            mass: vec![0.0; count],
+            spring: vec![Vector3::zeros(); topology.edges.len()],
+            bound: vec![0.0; count],
+            limit_s: 0.0,
+            topology,
+        };
+        network.place(&Isometry3::identity());
+        network
+    }
+
+    /// Puts the whole cylinder elsewhere, at rest.
+    pub fn place(&mut self, frame: &Isometry3<f64>) {
+        for (home, own) in self.home.iter_mut().zip(&self.own) {
+            *home = (frame * Point3::from(*own)).coords;
+        }
+        self.reference.copy_from_slice(&self.home);
+        self.rest();
+        self.measure_all();
+        self.limit_s = self.stable_step();
+    }
+
+    /// Takes displacements and velocities away.
+    pub fn rest(&mut self) {
+        self.displacement.fill(Vector3::zeros());
+        self.velocity.fill(Vector3::zeros());
+    }
+
+    /// Masses, springs and bounds of every node.
+    pub fn measure_all(&mut self) {
+        (0..self.mass.len() as u32).for_each(|node| self.measure_mass(node));
+        (0..self.spring.len() as u32).for_each(|edge| self.measure_spring(edge));
+        (0..self.mass.len() as u32).for_each(|node| self.measure_bound(node));
+    }
+
+    /// The same of all that one node takes part in. What depends on no node that has moved comes out as it was, bit for bit.
+    fn measure_about(&mut self, node: u32) {
+        let around = self.topology.elements_of_node.of(node).len();
+        for place in 0..around {
+            let element = self.topology.elements_of_node.of(node)[place] as usize;
+            self.elements[element]
+                .into_iter()
+                .for_each(|corner| self.measure_mass(corner));
+            self.topology.edges_of_element[element]
+                .into_iter()
+                .for_each(|edge| self.measure_spring(edge));
+        }
+        for place in 0..around {
+            let element = self.topology.elements_of_node.of(node)[place] as usize;
+            self.elements[element]
+                .into_iter()
+                .for_each(|corner| self.measure_bound(corner));
+        }
+    }
+
+    fn measure_mass(&mut self, node: u32) {
+        let around = self.topology.elements_of_node.of(node).iter();
+        let volume: f64 = around.map(|&element| geometry::volume(&self.at_rest(element))).sum();
+        self.mass[node as usize] = 0.25 * self.density * volume;
+    }
+
+    fn measure_spring(&mut self, edge: u32) {
+        let [a, b] = self.topology.edges[edge as usize];
+        let along = self.reference[b as usize] - self.reference[a as usize];
+        let around = self.topology.elements_of_edge.of(edge).iter();
+        let volume: f64 = around.map(|&element| geometry::volume(&self.at_rest(element))).sum();
+        let squared = along.norm_squared();
+        let stiffness = self.young * volume / squared;
+        self.spring[edge as usize] = along * (stiffness / squared).sqrt();
+    }
+
+    /// The sum over a row of the absolute entries, over the node's mass, largest of its three rows (Gershgorin).
+    fn measure_bound(&mut self, node: u32) {
+        let mut rows = [Vector3::zeros(); 3];
+        let mut others = Vector3::zeros();
+        for &edge in self.topology.edges_of_node.of(node) {
+            let spring = self.spring[edge as usize];
+            for (axis, row) in rows.iter_mut().enumerate() {
+                *row += spring * spring[axis];
+            }
+            let [a, b] = self.topology.edges[edge as usize];
+            if !self.fixed[if a == node { b } else { a } as usize] {
+                others += spring.abs() * spring.abs().sum();
+            }
+        }
+        let own = Vector3::from(rows.map(|row| row.abs().sum()));
+        self.bound[node as usize] = match self.fixed[node as usize] {
+            true => 0.0,
+            false => (own + others).max() / self.mass[node as usize],
+        };
+    }
+
+    /// The longest step that is stable with every node's own mass, s.
+    fn stable_step(&self) -> f64 {
+        let bound = self.bound.iter().fold(0.0, |a: f64, &b| a.max(b));
+        // The positive root of L (h^2 / 4 + b h / 2) = 1.
+        let (b, root) = (self.spring_damping, bound.sqrt());
+        SAFETY * 4.0 / (b * bound + root * (b * b * bound + 4.0).sqrt())
+    }
+
+    /// The mass that a node moves with in a step of h: its own, or what makes the step stable if that is more.
+    pub fn moving_mass(&self, node: u32, h: f64) -> f64 {
+        let node = node as usize;
+        let h = h / SAFETY;
+        let stability = self.bound[node] * (0.25 * h * h + 0.5 * self.spring_damping * h);
+        self.mass[node] * stability.max(1.0)
+    }
+
+    /// What velocities keep in a step of h.
+    pub fn decay(&self, h: f64) -> f64 {
+        (-self.damping * h).exp()
+    }
+
+    /// Forces of the springs and their damping on the nodes.
+    pub fn find_forces(&mut self) {
+        let moving = self.displacement.iter().zip(&self.velocity);
+        for (strain, (displacement, velocity)) in self.strain.iter_mut().zip(moving) {
+            *strain = displacement + velocity * self.spring_damping;
+        }
+        self.force.fill(Vector3::zeros());
+        for (spring, [a, b]) in self.spring.iter().zip(&self.topology.edges) {
+            let [a, b] = [*a as usize, *b as usize];
+            let force = spring * spring.dot(&(self.strain[b] - self.strain[a]));
+            self.force[a] += force;
+            self.force[b] -= force;
+        }
+    }
+
+    /// Moves every node that is not fixed, by the forces found.
+    pub fn advance(&mut self, h: f64) {
+        let decay = self.decay(h);
+        for node in 0..self.mass.len() {
+            if !self.fixed[node] {
+                let gain = h / self.moving_mass(node as u32, h);
+                self.velocity[node] = (self.velocity[node] + self.force[node] * gain) * decay;
+                self.displacement[node] += self.velocity[node] * h;
+            }
+        }
+    }
+
+    /// Energy of springs and of motion, N mm.
+    pub fn energy(&self) -> f64 {
+        let springs = self.spring.iter().zip(&self.topology.edges);
+        let elastic = springs.map(|(spring, [a, b])| {
+            let stretch = self.displacement[*b as usize] - self.displacement[*a as usize];
+            spring.dot(&stretch).powi(2)
+        });
+        let moving = self.mass.iter().zip(&self.velocity);
+        let kinetic = moving.map(|(mass, velocity)| mass * velocity.norm_squared());
+        0.5 * (elastic.sum::<f64>() + kinetic.sum::<f64>())
+    }
+
+    /// Where a node is now, mm.
+    pub fn now(&self, node: u32) -> Vector3<f64> {
+        self.reference[node as usize] + self.displacement[node as usize]
+    }
+
+    /// The corners of an element now.
+    pub fn corners(&self, element: u32) -> [Vector3<f64>; 4] {
+        self.elements[element as usize].map(|node| self.now(node))
+    }
+
+    fn at_rest(&self, element: u32) -> [Vector3<f64>; 4] {
+        self.elements[element as usize].map(|node| self.reference[node as usize])
+    }
+
+    /// The reference place of the point of an element that has these coordinates.
+    pub fn to_reference(&self, element: u32, coordinates: &[f64; 4]) -> Vector3<f64> {
+        geometry::mix(coordinates, &self.at_rest(element))
+    }
+
+    /// The shortest edge, mm.
+    pub fn shortest_edge_mm(&self) -> f64 {
+        let lengths = self
+            .topology
+            .edges
+            .iter()
+            .map(|[a, b]| (self.home[*a as usize] - self.home[*b as usize]).norm());
+        lengths.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Elements about these nodes that are inverted now, each counted once.
+    pub fn crushed(&self, nodes: impl Iterator<Item = u32> + Clone) -> usize {
+        let about = |node: u32| self.around(node).iter().map(move |&element| (node, element));
+        let inverted = nodes.clone().flat_map(about).filter(|&(node, element)| {
+            // Counted at the node that comes first.
+            let corners = self.elements[element as usize];
+            let first = nodes.clone().find(|node| corners.contains(node));
+            first == Some(node) && geometry::volume(&self.corners(element)) <= 0.0
+        });
+        inverted.count()
+    }
+
+    /// Elements about a node.
+    pub fn around(&self, node: u32) -> &[u32] {
+        self.topology.elements_of_node.of(node)
+    }
+
+    /// The element that holds a point now, and the point's coordinates there. Walks from `start`; where the walk ends without
+    /// it (at the surface, or in a fold), the element that misses it least is taken if it holds it.
+    pub fn locate(&self, point: &Vector3<f64>, start: u32) -> Option<(u32, [f64; 4])> {
+        let mut element = start;
+        for _ in 0..LONGEST_WALK {
+            let Some(simplex) = Simplex::new(&self.corners(element)) else {
+                break;
+            };
+            let coordinates = simplex.coordinates(point);
+            let (place, lowest) = geometry::least(&coordinates);
+            if lowest >= -SLACK {
+                return Some((element, coordinates));
+            }
+            element = self.neighbours[element as usize][place];
+            if element == NONE {
+                break;
+            }
+        }
+        self.nearest(point, 0..self.elements.len() as u32, Self::corners)
+    }
+
+    /// Of some elements the one that holds a point deepest, lowest number first.
+    fn nearest(
+        &self,
+        point: &Vector3<f64>,
+        among: impl Iterator<Item = u32>,
+        corners: impl Fn(&Self, u32) -> [Vector3<f64>; 4],
+    ) -> Option<(u32, [f64; 4])> {
+        let mut found = None;
+        let mut deepest = -SLACK;
+        for element in among {
+            let Some(simplex) = Simplex::new(&corners(self, element)) else {
+                continue;
+            };
+            let coordinates = simplex.coordinates(point);
+            let (_, lowest) = geometry::least(&coordinates);
+            if lowest > deepest {
+                deepest = lowest;
+                found = Some((element, coordinates));
+            }
+        }
+        found
+    }
+
+    /// Moves the reference place of a node so that the node is now at a point of one of its elements, which has these
+    /// coordinates there: the displacement stays as it is at the node's new place. Refused, without change, where an element
+    /// would become inverted or flat.
+    pub fn take_to(&mut self, node: u32, element: u32, coordinates: &[f64; 4], now: &Vector3<f64>) -> bool {
+        let before = self.reference[node as usize];
+        let to = self.to_reference(element, coordinates);
+        let corners = self.elements[element as usize];
+        let velocity = geometry::mix(coordinates, &corners.map(|corner| self.velocity[corner as usize]));
+        self.reference[node as usize] = to;
+        let sound = self.around(node).iter().all(|&element| {
+            let home = self.elements[element as usize].map(|corner| self.home[corner as usize]);
+            geometry::volume(&self.at_rest(element)) >= FLATTEST * geometry::volume(&home)
+        });
+        if !sound {
+            self.reference[node as usize] = before;
+            return false;
+        }
+        self.displacement[node as usize] = now - to;
+        self.velocity[node as usize] = velocity;
+        self.measure_about(node);
+        true
+    }
+
+    /// Lets a node go home: it takes the displacement that the tissue has there. The nodes moved after it must be home.
+    pub fn send_home(&mut self, node: u32) {
+        let home = self.home[node as usize];
+        if self.reference[node as usize] == home {
+            return;
+        }
+        let around = self.around(node).iter().copied();
+        if let Some((element, coordinates)) = self.nearest(&home, around, Self::at_rest) {
+            let corners = self.elements[element as usize];
+            self.displacement[node as usize] =
+                geometry::mix(&coordinates, &corners.map(|corner| self.displacement[corner as usize]));
+            self.velocity[node as usize] =
+                geometry::mix(&coordinates, &corners.map(|corner| self.velocity[corner as usize]));
+        }
+        self.reference[node as usize] = home;
+        self.measure_about(node);
+    }
+}

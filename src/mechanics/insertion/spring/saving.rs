@@ -1,0 +1,250 @@
+//! What of the model is state, and in which order it is written.
+
+use nalgebra::Vector3;
+
+use super::MassSpring;
+use super::body::{Body, TipNode};
+use super::bone::Hold;
+use super::contacts::Contact;
+use super::state::{Document, Reader, Words};
+use crate::mechanics::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
+use crate::mechanics::needle::{CentreLine, Entry};
+
+const EVENTS: [EventKind; 9] = [
+    EventKind::Skin,
+    EventKind::Puncture,
+    EventKind::Region,
+    EventKind::Bone,
+    EventKind::Out,
+    EventKind::Seed,
+    EventKind::NotRemeshed,
+    EventKind::NotConverged,
+    EventKind::Crushed,
+];
+
+impl MassSpring {
+    fn model(&self) -> String {
+        format!("mass-spring, {:?}, {:?}", self.parameters, self.needle)
+    }
+
+    pub(super) fn to_saved(&self) -> Saved {
+        let mut words = Words::default();
+        put_body(&mut words, &self.body);
+        put_outcome(&mut words, &self.outcome);
+        words.list(&self.contacts.stack, |to, contact| {
+            to.whole(contact.node.into());
+            to.real(contact.arc);
+            to.flag(contact.stuck);
+            to.region(contact.region);
+            to.vector(&contact.force);
+        });
+        words.pose(&self.frame);
+        let moved: Vec<usize> = (0..self.network.home.len())
+            .filter(|&node| self.network.reference[node] != self.network.home[node])
+            .collect();
+        words.list(&moved, |to, &node| {
+            to.whole(node as u64);
+            to.vector(&self.network.reference[node]);
+        });
+        if self.body.awake {
+            words.list(&self.network.displacement, |to, vector| to.vector(vector));
+            words.list(&self.network.velocity, |to, vector| to.vector(vector));
+        }
+        let document = Document {
+            model: self.model(),
+            words: words.0,
+        };
+        Saved(serde_json::json!({ "model": document.model, "words": document.words }))
+    }
+
+    pub(super) fn from_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
+        let document: Document =
+            serde::Deserialize::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;
+        let own = self.model();
+        if document.model != own {
+            let found = document.model;
+            return Err(StepError::Foreign(format!("found `{found}`; expected `{own}`")));
+        }
+        self.read(&document.words).map_err(StepError::Foreign)
+    }
+
+    fn read(&mut self, words: &[u64]) -> Result<(), String> {
+        let count = self.network.home.len();
+        let from = &mut Reader(words);
+        let body = get_body(from, self.network.elements.len())?;
+        let outcome = get_outcome(from)?;
+        let stack = from.list(|from| {
+            Ok(Contact {
+                node: from.below(count, "a node")?,
+                arc: from.real()?,
+                stuck: from.flag()?,
+                region: from.region()?,
+                force: from.vector()?,
+            })
+        })?;
+        let frame = from.pose()?;
+        let moved = from.list(|from| Ok((from.below(count, "a node")?, from.vector()?)))?;
+        let mut fields = [const { Vec::<Vector3<f64>>::new() }; 2];
+        if body.awake {
+            for field in &mut fields {
+                *field = from.list(Reader::vector)?;
+                if field.len() != count {
+                    return Err(format!("it holds {} vectors for {count} nodes", field.len()));
+                }
+            }
+        }
+        from.end()?;
+        self.frame = frame;
+        self.network.place(&frame);
+        for (node, reference) in moved {
+            self.network.reference[node as usize] = reference;
+        }
+        self.network.measure_all();
+        if body.awake {
+            self.network.displacement.copy_from_slice(&fields[0]);
+            self.network.velocity.copy_from_slice(&fields[1]);
+        }
+        self.contacts.stack.clear();
+        self.contacts.stack.extend(stack);
+        self.body = body;
+        self.outcome = outcome;
+        Ok(())
+    }
+}
+
+fn put_body(to: &mut Words, body: &Body) {
+    to.whole(body.step);
+    to.real(body.time_s);
+    to.optional(body.base, |to, pose| to.pose(&pose));
+    to.list(body.line.nodes(), |to, (arc, point)| {
+        to.real(*arc);
+        to.vector(&point.coords);
+    });
+    to.optional(body.entry, |to, entry| {
+        to.vector(&entry.point_mm.coords);
+        to.vector(&entry.direction);
+    });
+    to.whole(body.tip_node as u64);
+    to.flag(body.breaking);
+    to.region(body.region);
+    to.whole(body.element.into());
+    to.flag(body.refused);
+    to.optional(body.hold, |to, hold| {
+        to.vector(&hold.at.coords);
+        to.vector(&hold.direction);
+        to.real(hold.bone.stiffness_n_per_mm);
+        to.real(hold.bone.penetration_mm);
+    });
+    to.flag(body.awake);
+    to.list(&body.seeds, |to, seed| to.vector(&seed.coords));
+}
+
+fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
+    let (step, time_s) = (from.whole()?, from.real()?);
+    let base = from.optional(Reader::pose)?;
+    let nodes = from.list(|from| Ok((from.real()?, from.point()?)))?;
+    if nodes.len() == 1 || nodes.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
+        return Err("the needle's arcs do not rise".into());
+    }
+    let mut line = CentreLine::default();
+    if !nodes.is_empty() {
+        line.set(nodes);
+    }
+    let entry = from.optional(|from| {
+        Ok(Entry {
+            point_mm: from.point()?,
+            direction: from.direction()?,
+        })
+    })?;
+    let tip_node = [TipNode::Held, TipNode::Penetrated, TipNode::Empty][from.below(3, "a kind of tip node")? as usize];
+    Ok(Body {
+        step,
+        time_s,
+        base,
+        line,
+        entry,
+        tip_node,
+        breaking: from.flag()?,
+        region: from.region()?,
+        element: from.below(elements, "an element")?,
+        refused: from.flag()?,
+        hold: from.optional(|from| {
+            Ok(Hold {
+                at: from.point()?,
+                direction: from.direction()?,
+                bone: Bone {
+                    stiffness_n_per_mm: from.real()?,
+                    penetration_mm: from.real()?,
+                },
+            })
+        })?,
+        awake: from.flag()?,
+        seeds: from.list(Reader::point)?,
+    })
+}
+
+fn put_outcome(to: &mut Words, outcome: &Outcome) {
+    to.vector(&outcome.on_hand.force_n);
+    to.vector(&outcome.on_hand.torque_nmm);
+    to.vector(&outcome.tip_mm.coords);
+    to.real(outcome.tip_deflection_mm);
+    to.real(outcome.inserted_mm);
+    for count in counts(outcome) {
+        to.whole(count as u64);
+    }
+    to.flag(outcome.converged);
+    to.list(&outcome.events, |to, event| {
+        let kind = EVENTS.iter().position(|&kind| kind == event.kind);
+        to.whole(kind.unwrap_or(EVENTS.len()) as u64);
+        to.real(event.time_s);
+        to.vector(&event.at_mm.coords);
+        to.region(event.region);
+    });
+}
+
+/// The counts of an outcome that this model fills.
+fn counts(outcome: &Outcome) -> [usize; 6] {
+    [
+        outcome.contacts,
+        outcome.stuck,
+        outcome.remeshes,
+        outcome.substeps,
+        outcome.iterations,
+        outcome.crushed,
+    ]
+}
+
+fn get_outcome(from: &mut Reader) -> Result<Outcome, String> {
+    let on_hand = Wrench {
+        force_n: from.vector()?,
+        torque_nmm: from.vector()?,
+    };
+    let (tip_mm, tip_deflection_mm, inserted_mm) = (from.point()?, from.real()?, from.real()?);
+    let mut counts = [0; 6];
+    for count in &mut counts {
+        *count = from.whole()? as usize;
+    }
+    let [contacts, stuck, remeshes, substeps, iterations, crushed] = counts;
+    Ok(Outcome {
+        on_hand,
+        tip_mm,
+        tip_deflection_mm,
+        inserted_mm,
+        contacts,
+        stuck,
+        remeshes,
+        substeps,
+        iterations,
+        crushed,
+        converged: from.flag()?,
+        events: from.list(|from| {
+            Ok(Event {
+                kind: EVENTS[from.below(EVENTS.len(), "an event")? as usize],
+                time_s: from.real()?,
+                at_mm: from.point()?,
+                region: from.region()?,
+            })
+        })?,
+        ..Outcome::default()
+    })
+}

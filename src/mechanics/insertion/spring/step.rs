@@ -1,0 +1,351 @@
+//! One part of a step: tissue moves, the needle moves, and they are brought together.
+
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::body::TipNode;
+use super::bone::{self, Hold};
+use super::contacts::{Contact, SAME_ARC_MM, Travel};
+use super::tip::FarFace;
+use super::{Anatomy, MassSpring};
+use crate::mechanics::insertion::{Event, EventKind, Interaction};
+use crate::mechanics::needle::{Entry, ShaftPoint};
+
+/// Halvings of a step to where the tip meets a surface: 0.4 mm become 1e-12 mm.
+const HALVINGS: usize = 40;
+/// Travel of the tip that counts as none, mm.
+const STILL_MM: f64 = 1e-9;
+/// The element that the tip enters holds the point that is so much of a spacing of the nodes ahead.
+const AHEAD: f64 = 1e-6;
+/// Tissue without a needle is at rest when it moves by less, mm and mm/s.
+const REST: [f64; 2] = [1e-9, 1e-7];
+
+/// What a tissue does to the needle. Numbers out of range count as none.
+pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
+    region
+        .map(|region| anatomy.interaction(region))
+        .filter(|found| found.check().is_ok())
+        .unwrap_or_default()
+}
+
+/// The cylinder's frame for a needle that enters at a point in a direction.
+pub(super) fn frame_at(point: &Point3<f64>, direction: &Vector3<f64>) -> Isometry3<f64> {
+    let turn = Rotation3::rotation_between(&Vector3::z(), direction)
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    Isometry3::from_parts(Translation3::from(point.coords), UnitQuaternion::from(turn))
+}
+
+impl MassSpring {
+    /// Moves the needle's base on to `hand` and the tissue on by `h`.
+    pub(super) fn part(&mut self, hand: &Isometry3<f64>, h: f64) {
+        if self.body.awake {
+            self.contacts.remember(&self.network);
+            self.network.find_forces();
+            self.network.advance(h);
+        }
+        let before = self.place_needle(hand);
+        if self.body.entry.is_none() {
+            self.seek_entry(&before);
+        }
+        let tip = self.tip();
+        let travel = (tip.point_mm - before.point_mm).dot(&tip.tangent);
+        if self.body.entry.is_some() {
+            self.hold_nodes(travel, h);
+            self.draw_back(travel);
+        }
+        if self.body.entry.is_some() {
+            self.go_on(&before, travel, hand);
+        }
+        self.feel(hand);
+    }
+
+    pub(super) fn tip(&self) -> ShaftPoint {
+        self.body.line.at(self.body.line.length_mm())
+    }
+
+    /// Puts the needle where hand, bone and the forces of before have it. Returns where its tip was.
+    fn place_needle(&mut self, hand: &Isometry3<f64>) -> ShaftPoint {
+        let before = self.tip();
+        let length = self.needle.length_mm();
+        self.body.hold = self.body.hold.filter(|hold| !hold.is_left(hand, length));
+        self.loads.clear();
+        self.contacts.loads(&mut self.loads);
+        let base = match &self.body.hold {
+            Some(hold) => {
+                self.loads.push(hold.load(hand, length));
+                hold.hold_back(hand, length)
+            }
+            None => *hand,
+        };
+        let (entry, line) = (self.body.entry.as_ref(), &mut self.body.line);
+        self.needle.place(&base, entry, &self.loads, line);
+        before
+    }
+
+    /// Looks whether the tip has come into the body.
+    fn seek_entry(&mut self, before: &ShaftPoint) {
+        let tip = self.tip();
+        let Some(region) = self.anatomy.region(&tip.point_mm) else {
+            return;
+        };
+        if self.anatomy.region(&before.point_mm).is_some() {
+            self.re_enter(&tip, region);
+            return;
+        }
+        let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
+        for _ in 0..HALVINGS {
+            let middle = nalgebra::center(&outside, &inside);
+            match self.anatomy.region(&middle) {
+                Some(_) => inside = middle,
+                None => outside = middle,
+            }
+        }
+        self.put(&frame_at(&inside, &tip.tangent));
+        self.enter(&inside, 0, region);
+        self.body.element = self.network.around(0)[0];
+    }
+
+    /// The tip has left the tissue while that was pressed in, and comes on again: it meets the skin where that is now.
+    fn re_enter(&mut self, tip: &ShaftPoint, region: i32) {
+        let ahead = tip.point_mm.coords;
+        let Some((element, coordinates)) = self.network.locate(&ahead, self.body.element) else {
+            return;
+        };
+        self.body.element = element;
+        let corners = self.network.elements[element as usize];
+        let in_skin = corners.into_iter().filter(|&node| (node as usize) < self.skin_nodes);
+        let mut candidates: [Option<u32>; 4] = [None; 4];
+        candidates
+            .iter_mut()
+            .zip(in_skin)
+            .for_each(|(to, node)| *to = Some(node));
+        let distance = |node: &u32| (self.network.now(*node) - ahead).norm_squared();
+        let nearest = candidates
+            .into_iter()
+            .flatten()
+            .filter(|&node| !self.network.fixed[node as usize])
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(node) = nearest
+            && self.network.take_to(node, element, &coordinates, &ahead)
+        {
+            self.outcome.remeshes += 1;
+            self.enter(&tip.point_mm, node, region);
+        }
+    }
+
+    /// The tip is at the skin, at a node.
+    fn enter(&mut self, at: &Point3<f64>, node: u32, region: i32) {
+        self.body.entry = Some(Entry {
+            point_mm: *at,
+            direction: self.tip().tangent,
+        });
+        self.body.awake = true;
+        self.body.breaking = true;
+        self.body.region = Some(region);
+        self.push(node, Some(region));
+        self.contacts.remember(&self.network);
+        self.event(EventKind::Skin, *at, Some(region));
+    }
+
+    fn push(&mut self, node: u32, region: Option<i32>) {
+        self.body.tip_node = TipNode::Held;
+        self.body.refused = false;
+        self.contacts.stack.push(Contact {
+            node,
+            arc: self.body.line.length_mm(),
+            stuck: true,
+            region,
+            force: Vector3::zeros(),
+        });
+    }
+
+    /// Brings the nodes of the stack back to the shaft.
+    fn hold_nodes(&mut self, travel: f64, h: f64) {
+        let length = self.body.line.length_mm();
+        let retracting = travel < -STILL_MM;
+        let at_tip = self
+            .contacts
+            .stack
+            .last()
+            .is_some_and(|last| last.arc >= length - SAME_ARC_MM);
+        self.body.tip_node = match self.body.tip_node {
+            _ if retracting => TipNode::Empty,
+            TipNode::Empty if travel > STILL_MM && at_tip => TipNode::Held,
+            same => same,
+        };
+        let of_tip = interaction(self.anatomy.as_ref(), self.body.region);
+        let push = match self.body.breaking {
+            true => of_tip.cutting_n.max(of_tip.puncture_n),
+            false => of_tip.cutting_n,
+        };
+        let travel = Travel {
+            advancing: travel > STILL_MM,
+            retracting,
+            push: (self.body.tip_node == TipNode::Held).then_some(push),
+        };
+        let anatomy = self.anatomy.as_ref();
+        let cut = self.contacts.solve(
+            &mut self.network,
+            h,
+            &self.body.line,
+            self.needle.as_ref(),
+            travel,
+            |region| interaction(anatomy, region),
+        );
+        if cut {
+            self.broken();
+        }
+    }
+
+    /// The surface before the tip is broken, if there is one.
+    fn broken(&mut self) {
+        if std::mem::take(&mut self.body.breaking) {
+            self.event(EventKind::Puncture, self.tip().point_mm, self.body.region);
+        }
+    }
+
+    /// Lets go of the nodes that have come off the needle.
+    fn draw_back(&mut self, travel: f64) {
+        if travel >= -STILL_MM {
+            return;
+        }
+        let length = self.body.line.length_mm();
+        while let Some(last) = self.contacts.stack.pop_if(|last| last.arc > length + SAME_ARC_MM) {
+            self.network.send_home(last.node);
+            self.outcome.remeshes += 1;
+        }
+        if self.contacts.stack.is_empty() {
+            self.body.entry = None;
+            self.body.tip_node = TipNode::Empty;
+            self.body.breaking = false;
+            self.body.hold = None;
+            let region = self.body.region.take();
+            self.event(EventKind::Out, self.tip().point_mm, region);
+        }
+    }
+
+    /// Looks what is at the tip now: another region, bone, or the next node.
+    fn go_on(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
+        let tip = self.tip();
+        let (point, direction) = (tip.point_mm.coords, tip.tangent.into_inner());
+        let ahead = point + direction * (AHEAD * self.spacing_mm);
+        let Some((element, _)) = self.network.locate(&ahead, self.body.element) else {
+            self.refuse();
+            return;
+        };
+        self.body.element = element;
+        let corners = self.network.corners(element);
+        let Some(simplex) = super::geometry::Simplex::new(&corners) else {
+            return;
+        };
+        let coordinates = simplex.coordinates(&point);
+        let reference = self.network.to_reference(element, &coordinates);
+        self.meet(&(reference - point), before, travel, hand);
+        if travel <= STILL_MM {
+            return;
+        }
+        let length = self.body.line.length_mm();
+        let nodes = self.network.elements[element as usize];
+        let at_tip = self
+            .contacts
+            .stack
+            .last()
+            .filter(|last| last.arc >= length - SAME_ARC_MM);
+        let tip_node = at_tip.and_then(|last| nodes.iter().position(|&node| node == last.node));
+        let Some(far) = FarFace::of(&corners, &point, &direction, tip_node) else {
+            return;
+        };
+        if !far.is_met(self.parameters.lambda) {
+            return;
+        }
+        if tip_node.is_some() && self.body.tip_node == TipNode::Held {
+            // Penetrated. The tissue gets this part of the step to draw the node back along the shaft before the next is taken.
+            self.body.tip_node = TipNode::Penetrated;
+            self.broken();
+            return;
+        }
+        for place in far.nearest_first(&corners) {
+            let node = nodes[place];
+            let free = !self.network.fixed[node as usize] && self.contacts.stack.iter().all(|it| it.node != node);
+            if free && self.network.take_to(node, element, &coordinates, &point) {
+                self.outcome.remeshes += 1;
+                self.push(node, self.body.region);
+                return;
+            }
+        }
+        if tip_node.is_none() {
+            self.refuse();
+        }
+    }
+
+    fn refuse(&mut self) {
+        if !std::mem::replace(&mut self.body.refused, true) {
+            self.event(EventKind::NotRemeshed, self.tip().point_mm, self.body.region);
+        }
+    }
+
+    /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
+    fn meet(&mut self, back: &Vector3<f64>, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
+        let tip = self.tip();
+        let region = self.anatomy.region(&(tip.point_mm + back));
+        let another = std::mem::replace(&mut self.body.region, region) != region;
+        let of = interaction(self.anatomy.as_ref(), region);
+        let Some(bone) = of.bone else {
+            if another {
+                self.body.breaking = of.puncture_n > of.cutting_n;
+                self.event(EventKind::Region, tip.point_mm, region);
+            }
+            return;
+        };
+        if self.body.hold.is_some() || travel <= STILL_MM {
+            return;
+        }
+        let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
+        for _ in 0..HALVINGS {
+            let middle = nalgebra::center(&outside, &inside);
+            match self.anatomy.region(&(middle + back)) == region {
+                true => inside = middle,
+                false => outside = middle,
+            }
+        }
+        self.body.hold = Some(Hold {
+            at: bone::unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
+            direction: tip.tangent,
+            bone,
+        });
+        self.event(EventKind::Bone, inside, region);
+    }
+
+    pub(super) fn event(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.body.time_s,
+            at_mm,
+            region,
+        });
+    }
+
+    /// Adds what the needle does to the hand in this part of the step.
+    fn feel(&mut self, hand: &Isometry3<f64>) {
+        let about = Point3::from(hand.translation.vector);
+        for contact in &self.contacts.stack {
+            let at = self.body.line.at(contact.arc).point_mm;
+            self.outcome.on_hand.add(contact.force, &at, &about);
+        }
+        if let Some(hold) = &self.body.hold {
+            let force = hold.load(hand, self.needle.length_mm()).force_n;
+            self.outcome.on_hand.add(force, &self.body.line.tip(), &about);
+        }
+    }
+
+    /// Puts tissue to rest that has no needle in it and hardly moves any more.
+    pub(super) fn settle(&mut self) {
+        if !self.body.awake || self.body.entry.is_some() {
+            return;
+        }
+        let below = |vectors: &[Vector3<f64>], limit: f64| vectors.iter().all(|vector| vector.amax() < limit);
+        if below(&self.network.displacement, REST[0]) && below(&self.network.velocity, REST[1]) {
+            self.network.rest();
+            self.body.awake = false;
+        }
+    }
+}

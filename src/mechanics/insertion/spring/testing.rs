@@ -1,0 +1,102 @@
+//! What the tests move, and into what.
+
+use faer::Mat;
+use nalgebra::{Isometry3, Point3, Translation3};
+
+use super::{Anatomy, MassSpring, Parameters};
+use crate::mechanics::insertion::{Instruments, Interaction, Model, Outcome};
+use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
+
+/// A needle that nothing bends.
+#[derive(Debug)]
+pub struct Stiff(pub f64);
+
+impl Needle for Stiff {
+    fn length_mm(&self) -> f64 {
+        self.0
+    }
+
+    fn radius_mm(&self) -> f64 {
+        0.64
+    }
+
+    fn is_flexible(&self) -> bool {
+        false
+    }
+
+    fn place(&self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
+        let at = |z: f64| base * Point3::new(0.0, 0.0, z);
+        line.set([(0.0, at(0.0)), (self.0, at(self.0))]);
+    }
+
+    fn flexibility(&self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
+}
+
+/// A body below z = 0 in layers: region i from `at[i]` (mm) on.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    pub at: Vec<f64>,
+    pub of: Vec<Interaction>,
+}
+
+impl Layers {
+    pub fn one(of: Interaction) -> Layers {
+        Layers {
+            at: vec![0.0],
+            of: vec![of],
+        }
+    }
+}
+
+impl Anatomy for Layers {
+    fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
+        let above = self.at.iter().filter(|&&at| at <= point_mm.z).count();
+        above.checked_sub(1).map(|region| region as i32)
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.of[region as usize]
+    }
+}
+
+/// Soft tissue as insertions meet it.
+pub fn soft() -> Interaction {
+    Interaction {
+        friction_n_per_mm: 0.01,
+        cutting_n: 0.5,
+        ..Interaction::default()
+    }
+}
+
+/// A coarse cylinder: 20 mm about a path of 100 mm, nodes every 6.7 mm.
+pub fn coarse() -> Parameters {
+    Parameters {
+        radius_mm: 20.0,
+        rings: 3,
+        layers: 15,
+        ..Parameters::default()
+    }
+}
+
+/// A model with a needle of 150 mm.
+pub fn model(parameters: Parameters, anatomy: Layers) -> MassSpring {
+    MassSpring::new(parameters, Box::new(anatomy), Box::new(Stiff(150.0))).unwrap()
+}
+
+/// The instruments with the tip of a needle of 150 mm along z at a place.
+pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
+    Instruments {
+        base: Translation3::new(x, y, z - 150.0).into(),
+        probe: None,
+        deposit: false,
+    }
+}
+
+/// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, telling each outcome.
+pub fn drive(model: &mut MassSpring, [from, to]: [f64; 2], speed: f64, dt_s: f64, mut tell: impl FnMut(&Outcome)) {
+    let steps = ((to - from).abs() / (speed * dt_s)).round() as usize;
+    for step in 1..=steps {
+        let z = from + (to - from) * step as f64 / steps as f64;
+        tell(model.step(&tip_at(0.3, 0.2, z), dt_s).unwrap());
+    }
+}

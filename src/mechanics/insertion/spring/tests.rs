@@ -1,0 +1,3 @@
+//! What must hold of the model, by what it holds of.
+
+mod insertion;

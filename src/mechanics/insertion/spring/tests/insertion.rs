@@ -1,0 +1,44 @@
+//! Needles going in and out.
+
+use super::super::testing::*;
+use super::super::*;
+
+/// 75 mm in and out: the stack grows and empties, the force is friction and cutting, and tissue comes back to rest.
+#[test]
+fn in_and_out() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    let mut events = Vec::new();
+    let mut most = 0;
+    drive(&mut it, [-5.0, 75.0], 40.0, 1e-3, |outcome| {
+        events.extend(outcome.events.iter().map(|event| event.kind));
+        assert!(outcome.contacts >= most && outcome.converged);
+        most = outcome.contacts;
+    });
+    assert_eq!(events, [EventKind::Skin, EventKind::Puncture]);
+    // Layers are 6.67 mm apart: the tip has met eleven or twelve of them beside the skin.
+    assert!((12..=13).contains(&most), "{most}");
+    let force = it.outcome.on_hand.force_n.z;
+    let inserted = it.outcome.inserted_mm;
+    assert!((70.0..75.0).contains(&inserted));
+    assert!(force < 0.0 && -force <= 0.01 * inserted + 0.5 + 1e-9, "{force}");
+    drive(&mut it, [75.0, 74.0], 40.0, 1e-3, |_| {});
+    let mut before = it.outcome.inserted_mm;
+    drive(&mut it, [74.0, 20.0], 40.0, 1e-3, |outcome| {
+        // Drawn back, all of the shaft slides, and nothing is cut: friction along what was in the tissue before the step.
+        let bound = 0.01 * before;
+        before = outcome.inserted_mm;
+        assert!(outcome.on_hand.force_n.z <= bound + 1e-9);
+        assert!(outcome.events.is_empty());
+    });
+    assert!(it.outcome.on_hand.force_n.z > 0.19);
+    drive(&mut it, [20.0, -5.0], 40.0, 1e-3, |outcome| {
+        events.extend(outcome.events.iter().map(|event| event.kind));
+    });
+    assert_eq!(events.last(), Some(&EventKind::Out));
+    assert_eq!((it.outcome.contacts, it.outcome.on_hand), (0, Wrench::default()));
+    assert_eq!(it.network.reference, it.network.home);
+    // Relaxing at no less than half the rate of damping, 1e-9 is reached in 0.3 s.
+    (0..10).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, -5.0), 0.1).is_ok()));
+    assert!(!it.is_awake());
+    assert_eq!(it.energy_nmm(), 0.0);
+}
