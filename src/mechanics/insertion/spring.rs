@@ -30,6 +30,7 @@ mod contacts;
 mod cylinder;
 mod geometry;
 mod imager;
+mod meeting;
 mod network;
 mod parameters;
 mod saving;
@@ -144,7 +145,7 @@ impl MassSpring {
         let from = base * Translation3::new(0.0, 0.0, -back);
         self.needle.place(&from, None, &[], &mut self.body.line);
         let tip = self.tip();
-        self.put(&step::frame_at(&tip.point_mm, &tip.tangent));
+        self.put(&meeting::frame_at(&tip.point_mm, &tip.tangent));
         from
     }
 

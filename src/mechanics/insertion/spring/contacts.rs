@@ -2,7 +2,7 @@
 //!
 //! In a step of h a node moves as if the needle were not there; what brings it back to the needle is the force between them.
 //! Across the shaft all of it is taken back. Along the shaft no more than friction allows: a force F moves a node of mass m by
-//! F h^2 / m in that step, so that a node which friction can keep where it is on the shaft sticks, and any other is moved
+//! about F h^2 / m in that step, so that a node which friction can keep where it is on the shaft sticks, and any other is moved
 //! back by what friction can. This is Coulomb's law at the end of the step, within its bound by construction and never a
 //! source of energy, however long the step.
 //!
@@ -129,7 +129,7 @@ impl Contacts {
             let last = place + 1 == self.stack.len();
             let tip_node = last && travel.push.is_some();
             let push = travel.push.filter(|_| last).unwrap_or(0.0);
-            let reach = h * h / network.moving_mass(contact.node, h);
+            let reach = network.reach(contact.node, h);
             let kept = if along < 0.0 { friction + push } else { friction };
             let stuck = along.abs() <= kept * reach;
             let mut slip = match stuck {
@@ -157,7 +157,7 @@ impl Contacts {
         for (place, contact) in self.stack.iter_mut().enumerate() {
             let node = contact.node as usize;
             let back = self.misses[place];
-            contact.force = back * (network.moving_mass(contact.node, h) / (h * h));
+            contact.force = back / network.reach(contact.node, h);
             network.displacement[node] -= back;
             network.velocity[node] = (network.displacement[node] - self.before[place]) / h;
         }
@@ -183,7 +183,7 @@ impl Contacts {
         self.across.clear();
         for row in 0..count {
             let contact = &self.stack[row / 2];
-            let yielding = h * h / network.moving_mass(contact.node, h);
+            let yielding = network.reach(contact.node, h);
             let mut right = self.misses[row / 2].dot(&self.rows[row].direction);
             for column in 0..count {
                 let before = self.stack[column / 2].force.dot(&self.rows[column].direction);
@@ -197,7 +197,7 @@ impl Contacts {
         cholesky::solve(&mut self.system, &mut self.across);
         for (row, force) in self.across.iter().enumerate() {
             let contact = &self.stack[row / 2];
-            let yielding = h * h / network.moving_mass(contact.node, h);
+            let yielding = network.reach(contact.node, h);
             let direction = self.rows[row].direction;
             let miss = self.misses[row / 2].dot(&direction);
             self.misses[row / 2] += direction * (force * yielding - miss);

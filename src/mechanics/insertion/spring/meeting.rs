@@ -1,0 +1,200 @@
+//! What the tip meets: the skin, other regions, bone, and the next node.
+
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::MassSpring;
+use super::body::TipNode;
+use super::bone::{self, Hold};
+use super::contacts::{Contact, SAME_ARC_MM};
+use super::geometry::Simplex;
+use super::step::{STILL_MM, interaction};
+use super::tip::FarFace;
+use crate::mechanics::insertion::EventKind;
+use crate::mechanics::needle::{Entry, ShaftPoint};
+
+/// Halvings of a step to where the tip meets a surface: 0.4 mm become 1e-12 mm.
+const HALVINGS: usize = 40;
+/// The element that the tip enters holds the point that is so much of a spacing of the nodes ahead.
+const AHEAD: f64 = 1e-6;
+
+/// The cylinder's frame for a needle that enters at a point in a direction.
+pub(super) fn frame_at(point: &Point3<f64>, direction: &Vector3<f64>) -> Isometry3<f64> {
+    let turn = Rotation3::rotation_between(&Vector3::z(), direction)
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    Isometry3::from_parts(Translation3::from(point.coords), UnitQuaternion::from(turn))
+}
+
+impl MassSpring {
+    /// Looks whether the tip has come into the body.
+    pub(super) fn seek_entry(&mut self, before: &ShaftPoint) {
+        let tip = self.tip();
+        let Some(region) = self.anatomy.region(&tip.point_mm) else {
+            return;
+        };
+        if self.anatomy.region(&before.point_mm).is_some() {
+            self.re_enter(&tip, region);
+            return;
+        }
+        let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
+        for _ in 0..HALVINGS {
+            let middle = nalgebra::center(&outside, &inside);
+            match self.anatomy.region(&middle) {
+                Some(_) => inside = middle,
+                None => outside = middle,
+            }
+        }
+        self.put(&frame_at(&inside, &tip.tangent));
+        self.enter(&inside, 0, region);
+        self.body.element = self.network.around(0)[0];
+    }
+
+    /// The tip has left the tissue while that was pressed in, and comes on again: it meets the skin where that is now.
+    fn re_enter(&mut self, tip: &ShaftPoint, region: i32) {
+        let ahead = tip.point_mm.coords;
+        let Some((element, coordinates)) = self.network.locate(&ahead, self.body.element) else {
+            return;
+        };
+        self.body.element = element;
+        let corners = self.network.elements[element as usize];
+        let in_skin = corners.into_iter().filter(|&node| (node as usize) < self.skin_nodes);
+        let mut candidates: [Option<u32>; 4] = [None; 4];
+        candidates
+            .iter_mut()
+            .zip(in_skin)
+            .for_each(|(to, node)| *to = Some(node));
+        let distance = |node: &u32| (self.network.now(*node) - ahead).norm_squared();
+        let nearest = candidates
+            .into_iter()
+            .flatten()
+            .filter(|&node| !self.network.fixed[node as usize])
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(node) = nearest
+            && self.network.take_to(node, element, &coordinates, &ahead)
+        {
+            self.outcome.remeshes += 1;
+            self.enter(&tip.point_mm, node, region);
+        }
+    }
+
+    /// The tip is at the skin, at a node.
+    fn enter(&mut self, at: &Point3<f64>, node: u32, region: i32) {
+        self.body.entry = Some(Entry {
+            point_mm: *at,
+            direction: self.tip().tangent,
+        });
+        self.body.awake = true;
+        self.body.breaking = true;
+        self.body.region = Some(region);
+        self.push(node, Some(region));
+        self.contacts.remember(&self.network);
+        self.event(EventKind::Skin, *at, Some(region));
+    }
+
+    fn push(&mut self, node: u32, region: Option<i32>) {
+        self.body.tip_node = TipNode::Held;
+        self.body.refused = false;
+        self.contacts.stack.push(Contact {
+            node,
+            arc: self.body.line.length_mm(),
+            stuck: true,
+            region,
+            force: Vector3::zeros(),
+        });
+    }
+
+    /// Looks what is at the tip now: another region, bone, or the next node.
+    pub(super) fn go_on(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
+        let tip = self.tip();
+        let (point, direction) = (tip.point_mm.coords, tip.tangent.into_inner());
+        let ahead = point + direction * (AHEAD * self.spacing_mm);
+        // Side and far end are fixed: beyond them there is no element.
+        let own = self.frame.inverse_transform_point(&tip.point_mm);
+        let within = own.z <= self.parameters.length_mm && own.coords.xy().norm() <= self.parameters.radius_mm;
+        let found = self.network.locate(&ahead, self.body.element).filter(|_| within);
+        let Some((element, _)) = found else {
+            self.refuse();
+            return;
+        };
+        self.body.element = element;
+        let corners = self.network.corners(element);
+        let Some(simplex) = Simplex::new(&corners) else {
+            return;
+        };
+        let coordinates = simplex.coordinates(&point);
+        let reference = self.network.to_reference(element, &coordinates);
+        self.meet(&(reference - point), before, travel, hand);
+        if travel <= STILL_MM {
+            return;
+        }
+        let length = self.body.line.length_mm();
+        let nodes = self.network.elements[element as usize];
+        let at_tip = self
+            .contacts
+            .stack
+            .last()
+            .filter(|last| last.arc >= length - SAME_ARC_MM);
+        let tip_node = at_tip.and_then(|last| nodes.iter().position(|&node| node == last.node));
+        let Some(far) = FarFace::of(&corners, &point, &direction, tip_node) else {
+            return;
+        };
+        if !far.is_met(self.parameters.lambda) {
+            return;
+        }
+        if tip_node.is_some() && self.body.tip_node == TipNode::Held {
+            // Penetrated. The tissue gets this part of the step to draw the node back along the shaft before the next is taken.
+            self.body.tip_node = TipNode::Penetrated;
+            self.broken();
+            return;
+        }
+        for place in far.nearest_first(&corners) {
+            let node = nodes[place];
+            let free = !self.network.fixed[node as usize] && self.contacts.stack.iter().all(|it| it.node != node);
+            if free && self.network.take_to(node, element, &coordinates, &point) {
+                self.outcome.remeshes += 1;
+                self.push(node, self.body.region);
+                return;
+            }
+        }
+        if tip_node.is_none() {
+            self.refuse();
+        }
+    }
+
+    fn refuse(&mut self) {
+        if !std::mem::replace(&mut self.body.refused, true) {
+            self.event(EventKind::NotRemeshed, self.tip().point_mm, self.body.region);
+        }
+    }
+
+    /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
+    fn meet(&mut self, back: &Vector3<f64>, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
+        let tip = self.tip();
+        let region = self.anatomy.region(&(tip.point_mm + back));
+        let another = std::mem::replace(&mut self.body.region, region) != region;
+        let of = interaction(self.anatomy.as_ref(), region);
+        let Some(bone) = of.bone else {
+            if another {
+                self.body.breaking = of.puncture_n > of.cutting_n;
+                self.event(EventKind::Region, tip.point_mm, region);
+            }
+            return;
+        };
+        if self.body.hold.is_some() || travel <= STILL_MM {
+            return;
+        }
+        let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
+        for _ in 0..HALVINGS {
+            let middle = nalgebra::center(&outside, &inside);
+            match self.anatomy.region(&(middle + back)) == region {
+                true => inside = middle,
+                false => outside = middle,
+            }
+        }
+        self.body.hold = Some(Hold {
+            at: bone::unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
+            direction: tip.tangent,
+            bone,
+        });
+        self.event(EventKind::Bone, inside, region);
+    }
+}

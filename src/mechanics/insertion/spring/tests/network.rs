@@ -1,0 +1,357 @@
+//! Masses and springs against theory.
+
+use nalgebra::{DMatrix, DVector, Vector3};
+
+use super::super::cylinder::Cylinder;
+use super::super::network::Network;
+use super::super::testing::*;
+use super::super::*;
+
+fn small() -> Parameters {
+    Parameters {
+        radius_mm: 10.0,
+        length_mm: 20.0,
+        rings: 2,
+        layers: 4,
+        damping_per_s: 0.0,
+        spring_damping_s: 0.0,
+        ..Parameters::default()
+    }
+}
+
+fn network(parameters: &Parameters) -> Network {
+    Network::new(Cylinder::new(parameters).unwrap(), parameters)
+}
+
+fn go(network: &mut Network, h: f64) {
+    network.find_forces();
+    network.advance(h);
+}
+
+/// Displacements without pattern, of up to 1 mm.
+fn shake(network: &mut Network) {
+    let mut number = 1u64;
+    let mut next = || {
+        number = number
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (number >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    for node in 0..network.mass.len() {
+        if !network.fixed[node] {
+            network.displacement[node] = Vector3::new(next(), next(), next());
+        }
+    }
+}
+
+#[test]
+fn the_cylinder_is_whole() {
+    for (rings, sectors, layers) in [(1, 3, 2), (1, 12, 2), (2, 5, 3), (5, 6, 20)] {
+        let parameters = Parameters {
+            rings,
+            sectors,
+            layers,
+            radius_mm: 5.0 * rings as f64,
+            length_mm: 5.0 * layers as f64,
+            ..Parameters::default()
+        };
+        let cylinder = Cylinder::new(&parameters).unwrap();
+        assert_eq!(cylinder.mesh.nodes().len(), parameters.nodes());
+        // A prism of as many sides as the last ring has nodes.
+        let sides = (rings * sectors) as f64;
+        let area = 0.5 * sides * (5.0 * rings as f64).powi(2) * (std::f64::consts::TAU / sides).sin();
+        let volumes = cylinder.mesh.volumes(cylinder.mesh.nodes());
+        let inner = (std::f64::consts::TAU / sides).cos();
+        let total: f64 = volumes.inspect(|&volume| assert!(volume > 0.0)).sum();
+        assert!((total / (area * parameters.length_mm) - 1.0).abs() < 1e-12, "{inner}");
+        // Only its surface has faces without a neighbour: as many triangles as top, bottom and side have.
+        let outside = cylinder
+            .mesh
+            .neighbours()
+            .iter()
+            .flatten()
+            .filter(|&&other| other == u32::MAX)
+            .count();
+        assert_eq!(outside, 2 * sectors * rings * rings + 2 * sectors * rings * layers);
+    }
+    assert!(Cylinder::new(&Parameters::default()).unwrap().least_dihedral_deg > 35.0);
+    let thin = Cylinder::new(&Parameters {
+        length_mm: 2000.0,
+        ..Parameters::default()
+    });
+    assert!(matches!(thin, Err(InvalidParameters::Thin { .. })));
+}
+
+#[test]
+fn numbers_out_of_range_are_named() {
+    type Spoil = fn(&mut Parameters);
+    let spoils: [(&str, Spoil); 11] = [
+        ("young_kpa", |it| it.young_kpa = 0.0),
+        ("density_kg_per_m3", |it| it.density_kg_per_m3 = f64::NAN),
+        ("damping_per_s", |it| it.damping_per_s = -1.0),
+        ("spring_damping_s", |it| it.spring_damping_s = f64::INFINITY),
+        ("radius_mm", |it| it.radius_mm = -1.0),
+        ("length_mm", |it| it.length_mm = 0.0),
+        ("rings", |it| it.rings = 0),
+        ("sectors", |it| it.sectors = 2),
+        ("layers", |it| it.layers = 1),
+        ("lambda", |it| it.lambda = 0.3),
+        ("most_substeps", |it| it.most_substeps = 0),
+    ];
+    assert_eq!(Parameters::default().check(), Ok(()));
+    for (expected, spoil) in spoils {
+        let mut parameters = Parameters::default();
+        spoil(&mut parameters);
+        let Err(InvalidParameters::Number { key, .. }) = parameters.check() else {
+            panic!("{expected}");
+        };
+        assert_eq!(key, expected);
+    }
+    let large = Parameters {
+        rings: 64,
+        layers: 1000,
+        ..Parameters::default()
+    };
+    assert!(matches!(large.check(), Err(InvalidParameters::Large { .. })));
+}
+
+#[test]
+fn rest_stays_at_rest_to_the_bit() {
+    let mut it = network(&small());
+    it.place(&nalgebra::Isometry3::new(
+        Vector3::new(13.7, -8.1, 120.3),
+        Vector3::new(0.3, 1.1, -0.7),
+    ));
+    for _ in 0..100 {
+        let h = it.limit_s;
+        go(&mut it, h);
+    }
+    assert!(it.displacement.iter().all(|by| *by == Vector3::zeros()));
+    assert_eq!(it.energy(), 0.0);
+}
+
+/// Springs act in pairs: whatever the displacements, their forces on all nodes, the fixed ones too, add up to nothing, nor do
+/// they turn the whole.
+#[test]
+fn forces_balance() {
+    let mut it = network(&small());
+    shake(&mut it);
+    it.find_forces();
+    let sum: Vector3<f64> = it.force.iter().sum();
+    let turn: Vector3<f64> = it
+        .force
+        .iter()
+        .zip(&it.reference)
+        .map(|(force, at)| at.cross(force))
+        .sum();
+    let size: f64 = it.force.iter().map(|force| force.norm()).sum();
+    assert!(sum.norm() < 1e-14 * size && turn.norm() < 1e-13 * size * 20.0);
+    assert!(size > 1.0);
+}
+
+/// The stiffness of the free nodes by unit displacements, divided by their masses: M^-1/2 K M^-1/2.
+fn dynamic_matrix(it: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
+    let free: Vec<usize> = (0..it.mass.len()).filter(|&node| !it.fixed[node]).collect();
+    let mut matrix = DMatrix::zeros(3 * free.len(), 3 * free.len());
+    for (column, &node) in free.iter().enumerate() {
+        for axis in 0..3 {
+            it.rest();
+            it.displacement[node][axis] = 1.0;
+            it.find_forces();
+            for (row, &other) in free.iter().enumerate() {
+                let scale = (it.mass[node] * it.mass[other]).sqrt();
+                for to in 0..3 {
+                    matrix[(3 * row + to, 3 * column + axis)] = -it.force[other][to] / scale;
+                }
+            }
+        }
+    }
+    it.rest();
+    (free, matrix)
+}
+
+/// Each eigenmode goes the way that the symplectic Euler step gives an oscillator: x_n = x_0 (cos nt - tan(t/2) sin nt) with
+/// cos t = 1 - (h w)^2 / 2; and no frequency is beyond the limit.
+#[test]
+fn free_vibrations_have_their_frequency() {
+    let parameters = Parameters {
+        rings: 1,
+        layers: 3,
+        length_mm: 24.0,
+        ..small()
+    };
+    let mut it = network(&parameters);
+    let (free, matrix) = dynamic_matrix(&mut it);
+    assert_eq!(free.len(), 3);
+    assert!((&matrix - matrix.transpose()).amax() < 1e-12 * matrix.amax());
+    let modes = matrix.symmetric_eigen();
+    let limit = it.limit_s;
+    for (place, squared) in modes.eigenvalues.iter().enumerate() {
+        let frequency = squared.sqrt();
+        assert!(limit < 2.0 / frequency);
+        for h in [0.02 / frequency, 0.9 * limit] {
+            it.rest();
+            let mode: DVector<f64> = modes.eigenvectors.column(place).into();
+            for (row, &node) in free.iter().enumerate() {
+                it.displacement[node] = mode.fixed_rows::<3>(3 * row).into_owned() / it.mass[node].sqrt() * 1e-4;
+            }
+            let start = it.displacement.clone();
+            let steps = 1000;
+            (0..steps).for_each(|_| go(&mut it, h));
+            let angle = (1.0 - 0.5 * squared * h * h).acos();
+            let turned = steps as f64 * angle;
+            let share = turned.cos() - (0.5 * angle).tan() * turned.sin();
+            for &node in &free {
+                let miss = (it.displacement[node] - start[node] * share).norm();
+                assert!(miss < 1e-9 * start.iter().map(|by| by.norm()).fold(0.0, f64::max));
+            }
+            if h * frequency < 0.1 {
+                // At short steps that is the frequency of the oscillator itself, to (h w)^2 / 24.
+                assert!((angle / h / frequency - 1.0).abs() < squared * h * h / 20.0);
+            }
+        }
+    }
+}
+
+/// Undamped at the limit itself: v M v + u K u - h v K u does not change at all, so energy stays within (1 + a) / (1 - a)
+/// times the first, a being half the step times the highest frequency.
+#[test]
+fn undamped_energy_stays_bounded() {
+    let mut it = network(&small());
+    shake(&mut it);
+    let h = it.limit_s;
+    let invariant = |it: &mut Network| {
+        it.find_forces();
+        let mixed: f64 = it.velocity.iter().zip(&it.force).map(|(v, f)| v.dot(f)).sum();
+        it.energy() + 0.5 * h * mixed
+    };
+    let (first, energy) = (invariant(&mut it), it.energy());
+    let a = 0.95;
+    for _ in 0..10_000 {
+        go(&mut it, h);
+        assert!(it.energy() <= energy * (1.0 + a) / (1.0 - a));
+    }
+    assert!((invariant(&mut it) / first - 1.0).abs() < 1e-9);
+    assert!(it.energy() > energy * (1.0 - a) / (1.0 + a));
+}
+
+/// With damping of either kind the energy never comes above that bound of any energy before, and goes to nothing, up to the
+/// limit that is stated for that damping.
+#[test]
+fn damped_energy_never_grows() {
+    for (damping_per_s, spring_damping_s) in [(200.0, 0.0), (0.0, 1e-4), (200.0, 1e-4), (20.0, 1e-2), (2e4, 0.0)] {
+        let mut it = network(&Parameters {
+            damping_per_s,
+            spring_damping_s,
+            ..small()
+        });
+        shake(&mut it);
+        let h = it.limit_s;
+        let first = it.energy();
+        let mut least = first;
+        for _ in 0..10_000 {
+            go(&mut it, h);
+            let energy = it.energy();
+            // (1 + a) / (1 - a) of a = 0.95; the last term is where squares vanish.
+            assert!(energy <= 39.0 * least + 1e-290, "{damping_per_s} {spring_damping_s}");
+            least = least.min(energy);
+        }
+        assert!(it.energy() < 1e-3 * first, "{damping_per_s} {spring_damping_s}");
+    }
+}
+
+/// Beyond the limit the same springs would burst: the limit is not idle.
+#[test]
+fn beyond_twice_the_limit_it_bursts() {
+    let mut it = network(&small());
+    shake(&mut it);
+    let first = it.energy();
+    let h = 2.0 * it.limit_s;
+    for _ in 0..200 {
+        // Without the mass that stability asks for.
+        it.find_forces();
+        for node in 0..it.mass.len() {
+            if !it.fixed[node] {
+                let gain = h / it.mass[node];
+                it.velocity[node] += it.force[node] * gain;
+                it.displacement[node] += it.velocity[node] * h;
+            }
+        }
+    }
+    assert!(it.energy() > 1e6 * first);
+}
+
+/// A long cylinder held at both ends and drawn out: the modulus that it shows. Its springs are not as many in all directions,
+/// so that it is only about E; with sides kept from drawing in, the bound from above is 1.2 E (both Lame parameters 0.4 E).
+#[test]
+fn drawn_out_it_shows_its_modulus() {
+    let parameters = Parameters {
+        radius_mm: 10.0,
+        length_mm: 80.0,
+        rings: 2,
+        layers: 16,
+        damping_per_s: 100.0,
+        spring_damping_s: 0.0,
+        ..Parameters::default()
+    };
+    let mut cylinder = Cylinder::new(&parameters).unwrap();
+    for (fixed, node) in cylinder.fixed.iter_mut().zip(cylinder.mesh.nodes()) {
+        *fixed = node[2] == 0.0 || node[2] == 80.0;
+    }
+    let mut it = Network::new(cylinder, &parameters);
+    for node in 0..it.mass.len() {
+        it.displacement[node].z = 0.01 * it.home[node].z;
+    }
+    let h = it.limit_s;
+    (0..3000).for_each(|_| go(&mut it, h));
+    let end = |z: f64| -> f64 {
+        let held = (0..it.mass.len()).filter(|&node| it.home[node].z == z);
+        held.map(|node| it.force[node].z).sum()
+    };
+    let (force, other) = (end(0.0), end(80.0));
+    assert!((force + other).abs() < 1e-6 * force);
+    let area = 6.0 * 100.0 * (std::f64::consts::TAU / 12.0).sin();
+    let modulus_kpa = force / area / 0.01 * 1e3;
+    assert!((modulus_kpa / 10.0 - 1.0).abs() < 0.2, "{modulus_kpa}");
+}
+
+/// A node that is moved and sent home leaves masses and springs bit for bit, and moves no tissue.
+#[test]
+fn moved_and_sent_home() {
+    let mut it = network(&coarse());
+    for node in 0..it.mass.len() {
+        it.displacement[node] = it.home[node] * 0.01 + Vector3::repeat(0.1);
+    }
+    let before = it.clone();
+    let total: f64 = it.mass.iter().sum();
+    let node = (0..it.mass.len() as u32).find(|&node| !it.fixed[node as usize] && it.home[node as usize].z > 20.0);
+    let node = node.unwrap();
+    let element = it.around(node)[3];
+    let place = it.elements[element as usize]
+        .iter()
+        .position(|&corner| corner == node)
+        .unwrap();
+    let mut coordinates = [0.2; 4];
+    coordinates[place] = 0.4;
+    let to = it.to_reference(element, &coordinates);
+    assert!(it.take_to(node, element, &coordinates, &(to * 1.01 + Vector3::repeat(0.1))));
+    assert_eq!(it.reference[node as usize], to);
+    assert!((it.mass.iter().sum::<f64>() / total - 1.0).abs() < 1e-12);
+    // A field that is linear is met exactly wherever the node is.
+    it.find_forces();
+    it.send_home(node);
+    assert_eq!(format!("{:?}", it.reference), format!("{:?}", before.reference));
+    assert_eq!(it.mass, before.mass);
+    assert!((it.displacement[node as usize] - before.displacement[node as usize]).norm() < 1e-13);
+    let moving = |it: &Network| {
+        (0..it.mass.len() as u32)
+            .map(|node| it.moving_mass(node, 1.0))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(moving(&it), moving(&before));
+    // Onto the face opposite: the element would be flat.
+    coordinates = [1.0 / 3.0; 4];
+    coordinates[place] = 0.0;
+    assert!(!it.take_to(node, element, &coordinates, &to));
+    assert_eq!((it.mass, it.reference), (before.mass, before.reference));
+}

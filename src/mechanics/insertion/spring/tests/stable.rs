@@ -1,0 +1,219 @@
+//! Hard cases.
+
+use nalgebra::{Isometry3, Translation3, Vector3};
+
+use super::super::testing::*;
+use super::super::*;
+
+/// Everything is finite, and nothing has gone farther than the needle could push it.
+fn sane(it: &MassSpring, farthest: f64) {
+    let displaced = it.network.displacement.iter().map(|by| by.norm()).fold(0.0, f64::max);
+    assert!(displaced <= farthest, "{displaced}");
+    let numbers = it.network.velocity.iter().chain(&it.network.reference);
+    assert!(numbers.flatten().all(|number| number.is_finite()));
+    assert!(
+        it.outcome
+            .on_hand
+            .force_n
+            .iter()
+            .chain(&it.outcome.on_hand.torque_nmm)
+            .all(|it| it.is_finite())
+    );
+}
+
+/// 40 mm in and out again at steps of 1e-5 to 0.1 s, in usual tissue and in one 1e4 times as stiff. Forces stay within
+/// friction and cutting in every step, since by construction no node takes more.
+#[test]
+fn steps_of_any_length_and_stiff_tissue_stay_bounded() {
+    for young_kpa in [10.0, 1e5] {
+        for (dt_s, speed) in [(1e-5, 4e3), (1e-3, 200.0), (1e-2, 50.0), (0.1, 20.0)] {
+            let parameters = Parameters { young_kpa, ..coarse() };
+            let mut it = model(parameters, Layers::one(soft()));
+            for way in [[-2.0, 40.0], [40.0, -2.0]] {
+                drive(&mut it, way, speed, dt_s, |outcome| {
+                    assert!(
+                        outcome.on_hand.force_n.z.abs() <= 0.01 * 40.1 + 0.5,
+                        "{young_kpa} {dt_s} {outcome:?}"
+                    );
+                });
+                sane(&it, 40.0);
+            }
+            assert_eq!((it.outcome.contacts, &it.network.reference), (0, &it.network.home));
+            for _ in 0..40 {
+                it.step(&tip_at(0.3, 0.2, -2.0), 0.1).unwrap();
+            }
+            assert_eq!(it.energy_nmm(), 0.0, "{young_kpa} {dt_s}");
+        }
+    }
+}
+
+/// Back and forth at every step: force within Coulomb's bound, and tissue comes to rest when the needle does.
+#[test]
+fn reversal_at_every_step() {
+    for amplitude in [0.01, 0.5, 8.0] {
+        let mut it = model(coarse(), Layers::one(soft()));
+        drive(&mut it, [-2.0, 40.0], 100.0, 1e-3, |_| {});
+        for step in 0..10_000 {
+            let z = if step % 2 == 0 { 40.0 - amplitude } else { 40.0 };
+            let force = it.step(&tip_at(0.3, 0.2, z), 1e-3).unwrap().on_hand.force_n.z;
+            assert!(force.abs() <= 0.01 * (40.1 + amplitude) + 0.5);
+        }
+        sane(&it, 10.0);
+        for _ in 0..20 {
+            it.step(&tip_at(0.3, 0.2, 40.0), 0.1).unwrap();
+        }
+        let outcome = it.outcome();
+        assert_eq!(outcome.stuck, outcome.contacts, "{amplitude}");
+        assert!(it.network.velocity.iter().all(|velocity| velocity.norm() < 1e-6));
+    }
+}
+
+/// A hundred times in and out: the last is the second again, to the bit, for every entry puts the tissue at rest.
+#[test]
+fn a_hundred_cycles() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    let mut traces: Vec<Vec<f64>> = Vec::new();
+    let mut capacity = 0;
+    for cycle in 0..100 {
+        let mut trace = Vec::new();
+        for way in [[-2.0, 30.0], [30.0, -2.0]] {
+            drive(&mut it, way, 800.0, 1e-3, |outcome| {
+                trace.push(outcome.on_hand.force_n.z)
+            });
+        }
+        if cycle == 1 {
+            capacity = it.contacts.stack.capacity();
+        }
+        traces.push(trace);
+    }
+    for (last, second) in traces[99].iter().zip(&traces[1]) {
+        assert!((last - second).abs() <= 1e-6);
+    }
+    assert!(traces[1].iter().any(|force| *force < -0.4));
+    assert_eq!((it.contacts.stack.len(), it.contacts.stack.capacity()), (0, capacity));
+    assert_eq!(it.network.reference, it.network.home);
+    (0..20).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, -2.0), 0.1).is_ok()));
+    assert_eq!(it.energy_nmm(), 0.0);
+}
+
+/// From a saved state, through text, the same steps give the same bits.
+#[test]
+fn replay_is_exact() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    drive(&mut it, [-2.0, 33.3], 200.0, 1e-3, |_| {});
+    let saved = it.save();
+    let text = serde_json::to_string(&saved).unwrap();
+    let go_on = |it: &mut MassSpring| {
+        let mut trace = Vec::new();
+        drive(it, [33.3, 50.0], 200.0, 1e-3, |outcome| trace.push(outcome.clone()));
+        drive(it, [50.0, -1.0], 200.0, 1e-3, |outcome| trace.push(outcome.clone()));
+        let mut snapshot = Snapshot::default();
+        it.snapshot(&mut snapshot);
+        (trace, snapshot)
+    };
+    let first = go_on(&mut it);
+    let mut other = model(coarse(), Layers::one(soft()));
+    let read: Saved = serde_json::from_str(&text).unwrap();
+    for it in [&mut it, &mut other] {
+        it.restore(&read).unwrap();
+        assert_eq!(format!("{:?}", it.save()), format!("{saved:?}"));
+        assert_eq!(go_on(it), first);
+    }
+    // A state of another model, or one that is cut off, changes nothing.
+    let before = it.save();
+    let mut foreign = model(Parameters::default(), Layers::one(soft()));
+    assert!(matches!(it.restore(&foreign.save()), Err(StepError::Foreign(_))));
+    let mut short = before.clone();
+    short.0["words"].as_array_mut().unwrap().pop();
+    assert!(matches!(it.restore(&short), Err(StepError::Foreign(_))));
+    assert_eq!(it.save(), before);
+}
+
+/// 10 mm and 50 mm a step: cut into parts, and every layer of nodes is met.
+#[test]
+fn no_element_is_passed_unseen() {
+    for steps in [1, 2, 8] {
+        let mut it = model(coarse(), Layers::one(soft()));
+        let (mut events, mut remeshes) = (Vec::new(), 0);
+        it.step(&tip_at(0.3, 0.2, -5.0), 1e-3).unwrap();
+        for step in 1..=steps {
+            let outcome = it
+                .step(&tip_at(0.3, 0.2, -5.0 + 80.0 * step as f64 / steps as f64), 0.1)
+                .unwrap();
+            assert!(outcome.converged);
+            remeshes += outcome.remeshes;
+            events.extend(outcome.events.iter().map(|event| event.kind));
+        }
+        // Layers lie 6.67 mm apart: eleven of them between the skin and 75 mm.
+        assert!((10..=12).contains(&remeshes), "{steps}: {remeshes}");
+        assert_eq!(it.outcome.contacts, remeshes + 1);
+        assert_eq!(events, [EventKind::Skin, EventKind::Puncture]);
+    }
+}
+
+/// The needle is turned about the skin and moved aside in the tissue: shaft nodes are on it, and it feels a side force.
+#[test]
+fn another_direction() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    drive(&mut it, [-2.0, 40.0], 100.0, 1e-3, |_| {});
+    let skin = Vector3::new(0.3, 0.2, 0.0);
+    for step in 1..=100 {
+        let turn = Isometry3::rotation(Vector3::x() * (0.2 * step as f64 / 100.0));
+        let about = Translation3::from(skin) * turn * Translation3::from(-skin);
+        let mut instruments = tip_at(0.3, 0.2, 40.0);
+        instruments.base = about * instruments.base;
+        it.step(&instruments, 1e-2).unwrap();
+        for contact in &it.contacts.stack {
+            let place = it.network.now(contact.node);
+            let on_shaft = it.body.line.at(contact.arc).point_mm.coords;
+            assert!((on_shaft - place).norm() < 1e-9);
+        }
+    }
+    // The shaft presses tissue towards -y: tissue and hand are pushed towards +y.
+    assert!(it.outcome.on_hand.force_n.y > 0.05, "{:?}", it.outcome.on_hand);
+    sane(&it, 12.0);
+    // Going on in the new direction takes nodes off the old axis.
+    let mut base = Translation3::from(skin) * Isometry3::rotation(Vector3::x() * 0.2) * Translation3::from(-skin);
+    base *= tip_at(0.3, 0.2, 40.0).base;
+    for step in 1..=200 {
+        let instruments = Instruments {
+            base: base * Translation3::new(0.0, 0.0, 0.1 * step as f64),
+            probe: None,
+            deposit: false,
+        };
+        it.step(&instruments, 1e-3).unwrap();
+    }
+    assert!(
+        it.outcome.contacts >= 7 && it.outcome.events.is_empty(),
+        "{:?}",
+        it.outcome
+    );
+    sane(&it, 15.0);
+}
+
+/// At rest with the needle in it, tissue pulls at the needle with what its fixed surface pulls at it.
+#[test]
+fn what_the_hand_feels_is_what_holds_the_tissue() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    drive(&mut it, [-2.0, 40.0], 100.0, 1e-3, |_| {});
+    let mut instruments = tip_at(1.3, 0.2, 40.0);
+    (0..40).for_each(|_| assert!(it.step(&instruments, 0.1).is_ok()));
+    instruments.deposit = true;
+    let outcome = it.step(&instruments, 0.1).unwrap().clone();
+    it.network.find_forces();
+    let held = (0..it.network.mass.len()).filter(|&node| it.network.fixed[node]);
+    let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+    let base = instruments.base.translation.vector;
+    for node in held {
+        force += it.network.force[node];
+        torque += (it.network.reference[node] - base).cross(&it.network.force[node]);
+    }
+    assert!(outcome.on_hand.force_n.norm() > 0.1);
+    assert!(
+        (outcome.on_hand.force_n + force).norm() < 1e-6,
+        "{:?} {force:?}",
+        outcome.on_hand
+    );
+    assert_eq!(outcome.events.len(), 1);
+    assert_eq!(it.body.seeds.len(), 1);
+}
