@@ -106,7 +106,7 @@ impl Contacts {
         network: &mut Network,
         h: f64,
         line: &CentreLine,
-        needle: &dyn Needle,
+        needle: &mut dyn Needle,
         travel: Travel,
         interaction: impl Fn(Option<i32>) -> Interaction,
     ) -> bool {
@@ -165,7 +165,7 @@ impl Contacts {
     }
 
     /// Lets the needle bend: takes from the misses what it comes towards the nodes.
-    fn bend(&mut self, network: &Network, h: f64, line: &CentreLine, needle: &dyn Needle) {
+    fn bend(&mut self, network: &Network, h: f64, line: &CentreLine, needle: &mut dyn Needle) {
         self.rows.clear();
         for (contact, tangent) in self.stack.iter().zip(&self.tangents) {
             for direction in across(tangent) {

@@ -97,7 +97,7 @@ impl MassSpring {
             &mut self.network,
             h,
             &self.body.line,
-            self.needle.as_ref(),
+            self.needle.as_mut(),
             travel,
             |region| interaction(anatomy, region),
         );

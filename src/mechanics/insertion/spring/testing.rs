@@ -24,12 +24,12 @@ impl Needle for Stiff {
         false
     }
 
-    fn place(&self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
         let at = |z: f64| base * Point3::new(0.0, 0.0, z);
         line.set([(0.0, at(0.0)), (self.0, at(self.0))]);
     }
 
-    fn flexibility(&self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
+    fn flexibility(&mut self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
 }
 
 /// A body below z = 0 in layers: region i from `at[i]` (mm) on.
@@ -88,6 +88,7 @@ pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
     Instruments {
         base: Translation3::new(x, y, z - 150.0).into(),
         probe: None,
+        guide: None,
         deposit: false,
     }
 }

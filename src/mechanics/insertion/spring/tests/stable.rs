@@ -179,6 +179,7 @@ fn another_direction() {
         let instruments = Instruments {
             base: base * Translation3::new(0.0, 0.0, 0.1 * step as f64),
             probe: None,
+            guide: None,
             deposit: false,
         };
         it.step(&instruments, 1e-3).unwrap();
