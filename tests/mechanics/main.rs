@@ -1,4 +1,5 @@
 //! Mechanics against closed forms and independent solutions.
 
+mod insertion;
 mod remesh;
 mod statics;

@@ -252,11 +252,11 @@ impl Finite {
         let [has_tip, has_guide] = [self.tip.row.is_some(), self.guide().is_some()];
         let at = self.contacts.len();
         // What is cut passes between the tip and the node that was made there.
-        let tangent = self.line.at(self.line.length_mm()).tangent;
         if has_tip && !had_tip {
             let cutting = self.interactions.cutting(self.tip.region(), None)[0];
             let mut share = Vector3::zeros();
             if let Some(last) = self.forces[..at].last_mut() {
+                let tangent = self.line.at(self.line.length_mm()).tangent;
                 share = tangent.into_inner() * tangent.dot(last).clamp(0.0, cutting);
                 *last -= share;
             }

@@ -1,0 +1,8 @@
+//! Needle insertion by finite elements: forces, states, paths, and what must hold of them.
+
+mod bending;
+mod contact;
+mod edges;
+mod levels;
+mod probe;
+mod support;

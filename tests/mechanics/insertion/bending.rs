@@ -1,0 +1,83 @@
+//! Flexible needles in tissue.
+
+use insonify::mechanics::insertion::{Interaction, Model};
+use insonify::mechanics::needle::{Bevel, Needle, Shaft, Springs, Stiffness};
+use insonify::mechanics::tissue::material::Material;
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+use super::support::{LENGTH, USUAL, assert_finite, build, mirrored, on_table, tip_at};
+
+/// The middle of the block: nothing but the bevel draws the needle aside.
+const MIDDLE: [f64; 2] = [30.0, 30.0];
+
+fn springs(r_mm: f64, stiffness: Stiffness) -> Box<dyn Needle> {
+    let shaft = Shaft {
+        length_mm: LENGTH,
+        ..Shaft::default()
+    };
+    let bevel = Bevel { r_mm, length_mm: 10.0 };
+    Box::new(Springs::new(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"))
+}
+
+/// Where the tip of a needle is, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin, and how
+/// many steps did not converge.
+fn insert(r_mm: f64, stiffness: Stiffness, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
+    let interaction = Interaction {
+        puncture_n: 0.0,
+        ..USUAL
+    };
+    let mut setup = on_table(mirrored([60.0, 60.0, 80.0], 6.0), interaction);
+    setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
+    setup.needle = springs(r_mm, stiffness);
+    let mut finite = build(setup);
+    let mut unsettled = 0;
+    for step in 0..=(depth / 0.25) as usize {
+        let mut instruments = tip_at([MIDDLE[0], MIDDLE[1], 0.25 * step as f64]);
+        instruments.base.rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+        instruments.guide = Some(Point3::new(MIDDLE[0], MIDDLE[1], -5.0));
+        let outcome = finite.step(&instruments, 1e-3).expect("a step");
+        assert_finite(outcome);
+        unsettled += usize::from(!outcome.converged);
+    }
+    (
+        finite.outcome().tip_mm - Point3::new(MIDDLE[0], MIDDLE[1], finite.outcome().tip_mm.z),
+        unsettled,
+    )
+}
+
+/// A bevel steers: to the side of +x of the base, the more the larger r, further on the deeper; rolled by 180 degrees, to the
+/// other side; without it the needle goes straight.
+#[test]
+fn a_bevel_steers() {
+    let usual = Stiffness::default();
+    let (straight, unsettled) = insert(0.0, usual, 0.0, 55.0);
+    assert!(straight.norm() < 0.05, "{straight:?}");
+    assert_eq!(unsettled, 0);
+    let mut before = 0.0;
+    for r in [0.4, 0.6, 0.8, 1.0] {
+        let (tip, unsettled) = insert(r, usual, 0.0, 55.0);
+        let bent = tip.x - r;
+        assert!(bent > before && tip.y.abs() < 0.2 * tip.x, "r = {r}: {tip:?}");
+        assert_eq!(unsettled, 0, "r = {r}");
+        before = bent;
+    }
+    let shallow = insert(0.8, usual, 0.0, 30.0).0;
+    let (deep, turned) = (
+        insert(0.8, usual, 0.0, 55.0).0,
+        insert(0.8, usual, std::f64::consts::PI, 55.0).0,
+    );
+    assert!(deep.x - 0.8 > 1.3 * (shallow.x - 0.8), "{shallow:?} {deep:?}");
+    // The mesh is no mirror image of itself, so the mirrored path is met by other elements.
+    assert!((turned.x + deep.x).abs() < 0.15 * deep.x, "{deep:?} {turned:?}");
+}
+
+/// A needle a thousand times stiffer is a rigid one; a thousand times softer, the tissue holds it and it says what it cannot do.
+#[test]
+fn needles_far_stiffer_and_softer_than_usual() {
+    let usual = Stiffness::default().bending_nmm2();
+    let (stiff, unsettled) = insert(0.6, Stiffness::BendingNmm2(1e3 * usual), 0.0, 50.0);
+    assert_eq!(unsettled, 0);
+    assert!((stiff.x - 0.6).abs() < 0.05 && stiff.y.abs() < 0.05, "{stiff:?}");
+    let (soft, _) = insert(0.6, Stiffness::BendingNmm2(1e-3 * usual), 0.0, 50.0);
+    assert!(soft.norm() < 30.0, "{soft:?}");
+}

@@ -1,0 +1,166 @@
+//! A block of tissue, and a hand that moves a needle.
+
+use insonify::mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify::mechanics::insertion::{Event, EventKind, Instruments, Interaction, Model, Outcome};
+use insonify::mechanics::mesh::TetMesh;
+use insonify::mechanics::needle::{Needle, Rigid, Shaft};
+use insonify::mechanics::tissue::material::Material;
+use insonify::mechanics::tissue::remesh::{Level, Precision};
+use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
+
+/// Length of the needle, mm.
+pub const LENGTH: f64 = 150.0;
+
+/// Tissue that grips, resists cutting, and has a skin.
+pub const USUAL: Interaction = Interaction {
+    friction_n_per_mm: 0.02,
+    static_ratio: 1.0,
+    cutting_n: 0.5,
+    puncture_n: 1.0,
+    peak: None,
+    bone: None,
+};
+
+/// A block from the origin to `extent`, in cells of about `cell` mm, one region 0.
+pub fn block(extent: [f64; 3], cell: f64) -> TetMesh {
+    let cells = extent.map(|edge| (edge / cell).round() as usize);
+    TetMesh::lattice(cells, &Matrix4::new_nonuniform_scaling(&Vector3::from(extent))).expect("a lattice")
+}
+
+/// The same, each cell the mirror image of its neighbours: planes between cells are planes of symmetry, which a lattice of equal
+/// cells has none of. A needle along them is drawn aside by nothing in the mesh.
+pub fn mirrored(extent: [f64; 3], cell: f64) -> TetMesh {
+    let cells = extent.map(|edge| (edge / cell).round() as usize);
+    let plain = block(extent, cell);
+    let size: [f64; 3] = std::array::from_fn(|axis| extent[axis] / cells[axis] as f64);
+    let index = |p: [f64; 3]| -> [usize; 3] { std::array::from_fn(|axis| (p[axis] / size[axis]).round() as usize) };
+    let mut node_at = std::collections::HashMap::new();
+    for (node, p) in plain.nodes().iter().enumerate() {
+        node_at.insert(index(*p), node as u32);
+    }
+    let turned = |corners: &[u32; 4]| {
+        let places = corners.map(|node| index(plain.nodes()[node as usize]));
+        let low: [usize; 3] = std::array::from_fn(|axis| places.iter().map(|p| p[axis]).min().unwrap_or(0));
+        let mirrors = low.iter().filter(|at| *at % 2 == 1).count();
+        let mut corners = places.map(|place| {
+            let place: [usize; 3] = std::array::from_fn(|axis| {
+                if low[axis] % 2 == 1 {
+                    2 * low[axis] + 1 - place[axis]
+                } else {
+                    place[axis]
+                }
+            });
+            node_at[&place]
+        });
+        if mirrors % 2 == 1 {
+            corners.swap(2, 3);
+        }
+        corners
+    };
+    let elements = plain.elements().iter().map(turned).collect();
+    TetMesh::new(plain.nodes().to_vec(), elements, plain.regions().to_vec()).expect("a mesh")
+}
+
+/// Tissue on a table: a block of 60 x 60 x 80 mm, entered at z = 0, held at z = 80.
+pub fn setup(interaction: Interaction) -> Setup {
+    on_table(block([60.0, 60.0, 80.0], 10.0), interaction)
+}
+
+/// The same of another block: held at its far end along z.
+pub fn on_table(mesh: TetMesh, interaction: Interaction) -> Setup {
+    let end = mesh.bounds()[1][2];
+    let held = (0..mesh.nodes().len() as u32).filter(|node| mesh.nodes()[*node as usize][2] == end);
+    Setup {
+        materials: vec![Material::new(10.0, 0.45).expect("a material"); mesh.elements().len()],
+        fixed: held.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
+        interactions: vec![(0, interaction)],
+        needle: rigid(),
+        probe: None,
+        level: Level::Exact,
+        precision: Precision::Double,
+        options: Options::default(),
+        mesh,
+    }
+}
+
+pub fn rigid() -> Box<dyn Needle> {
+    let shaft = Shaft {
+        length_mm: LENGTH,
+        ..Shaft::default()
+    };
+    Box::new(Rigid::new(shaft, None).expect("a needle"))
+}
+
+pub fn build(setup: Setup) -> Finite {
+    Finite::new(setup, |_, _| {}).expect("a setup")
+}
+
+/// A needle along z whose tip would be at `tip` if nothing bent it.
+pub fn tip_at(tip: [f64; 3]) -> Instruments {
+    Instruments {
+        base: Isometry3::from_parts(
+            Translation3::new(tip[0], tip[1], tip[2] - LENGTH),
+            UnitQuaternion::identity(),
+        ),
+        probe: None,
+        guide: None,
+        deposit: false,
+    }
+}
+
+/// Where the needle goes in: no plane of the lattice runs through it.
+pub const ASIDE: [f64; 2] = [31.3, 28.9];
+
+/// One step to a depth.
+pub fn go(finite: &mut Finite, z: f64) -> Outcome {
+    finite
+        .step(&tip_at([ASIDE[0], ASIDE[1], z]), 1e-3)
+        .expect("a step")
+        .clone()
+}
+
+/// Steps from a depth to another, the last one to the bit there; the outcomes.
+pub fn travel(finite: &mut Finite, from: f64, to: f64, step: f64) -> Vec<Outcome> {
+    let steps = ((to - from).abs() / step).ceil() as usize;
+    (1..=steps)
+        .map(|n| go(finite, from + (to - from) * n as f64 / steps as f64))
+        .collect()
+}
+
+/// What happened in some steps.
+pub fn events(outcomes: &[Outcome]) -> Vec<Event> {
+    outcomes
+        .iter()
+        .flat_map(|outcome| outcome.events.iter().copied())
+        .collect()
+}
+
+/// The kinds of it.
+pub fn kinds(outcomes: &[Outcome]) -> Vec<EventKind> {
+    events(outcomes).iter().map(|event| event.kind).collect()
+}
+
+/// Everything in an outcome is finite.
+pub fn assert_finite(outcome: &Outcome) {
+    let wrench = outcome.on_hand.force_n.iter().chain(outcome.on_hand.torque_nmm.iter());
+    let probe = outcome
+        .on_probe
+        .iter()
+        .flat_map(|wrench| wrench.force_n.iter().chain(wrench.torque_nmm.iter()));
+    let tip = outcome.tip_mm.coords.iter();
+    assert!(wrench.chain(probe).chain(tip).all(|x| x.is_finite()), "{outcome:?}");
+    assert!(
+        outcome.tip_deflection_mm.is_finite() && outcome.inserted_mm.is_finite(),
+        "{outcome:?}"
+    );
+}
+
+/// The force that pushes the needle back out, N.
+pub fn resistance(outcome: &Outcome) -> f64 {
+    -outcome.on_hand.force_n.z
+}
+
+/// A point of the axis of the path.
+pub fn on_path(z: f64) -> Point3<f64> {
+    Point3::new(ASIDE[0], ASIDE[1], z)
+}
