@@ -12,7 +12,11 @@
 //! holds the point. A mesh that overlaps itself without any inverted element (two separate parts pushed into each other) is
 //! not noticed: each of the overlapping elements is a valid answer there.
 
+mod node_count;
+
 use rayon::prelude::*;
+
+pub use node_count::NodeCount;
 
 use super::TetMesh;
 use super::element::{self, Carry, Frame, Kind, Outline};
@@ -49,37 +53,6 @@ pub struct LocatorReport {
     pub flat: usize,
     /// With a corner that is NaN or infinite in either state. Never hit.
     pub not_finite: usize,
-}
-
-/// The number of node positions does not match the mesh.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{found} {state} node positions for a mesh of {expected} nodes")]
-pub struct NodeCount {
-    /// Of which state they are: `current` or `reference`.
-    pub state: &'static str,
-    /// Positions given.
-    pub found: usize,
-    /// Nodes of the mesh.
-    pub expected: usize,
-}
-
-impl NodeCount {
-    /// Checks the numbers of positions, where there are any, for a mesh of `expected` nodes.
-    ///
-    /// # Errors
-    /// [`NodeCount`] of the first that does not match.
-    pub fn check(
-        current: Option<&[[f64; 3]]>,
-        reference: Option<&[[f64; 3]]>,
-        expected: usize,
-    ) -> Result<(), NodeCount> {
-        for (state, positions) in [("current", current), ("reference", reference)] {
-            if let Some(found) = positions.map(<[_]>::len).filter(|&found| found != expected) {
-                return Err(NodeCount { state, found, expected });
-            }
-        }
-        Ok(())
-    }
 }
 
 /// Locates points among the elements of a mesh whose nodes move.
