@@ -37,6 +37,7 @@ use joint::Joint;
 use nearby::Nearby;
 use press::Press;
 pub use setup::{InvalidSetup, Options, Setup};
+use slider::Slider;
 use tip::Tip;
 
 /// Finite elements with a needle in them.
@@ -88,9 +89,20 @@ struct Memory {
     rows: Vec<Row>,
     before: CentreLine,
     first: CentreLine,
+    kept: Kept,
     forces: Vec<Vector3<f64>>,
     contact_forces: Vec<f64>,
     dofs: Vec<usize>,
+}
+
+/// What a part of a step begins with.
+#[derive(Debug, Default)]
+struct Kept {
+    line: CentreLine,
+    forces: Vec<Vector3<f64>>,
+    /// Arcs and states.
+    contacts: Vec<(f64, Slider)>,
+    tip: Option<Slider>,
 }
 
 impl Finite {

@@ -81,3 +81,31 @@ fn needles_far_stiffer_and_softer_than_usual() {
     let (soft, _) = insert(0.6, Stiffness::BendingNmm2(1e-3 * usual), 0.0, 50.0);
     assert!(soft.norm() < 30.0, "{soft:?}");
 }
+
+#[test]
+#[ignore]
+fn explore_pvc() {
+    for (cell, cut, fric, b) in [(10.0, 0.5, 0.01, 5.0), (10.0, 0.5, 0.01, 10.0), (10.0, 0.5, 0.01, 15.0), (10.0, 0.5, 0.01, 20.0), (8.0, 0.5, 0.01, 15.0), (8.0, 0.5, 0.01, 20.0)] {
+        for r in [0.0, 0.4, 0.6, 0.8, 1.0] { if r != 0.6 { continue; }
+            let interaction = Interaction { puncture_n: 0.0, cutting_n: cut, friction_n_per_mm: fric, ..USUAL };
+            let mut setup = on_table(mirrored([80.0, 80.0, 160.0], cell), interaction);
+            setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
+            let bevel = Bevel { r_mm: r, length_mm: b };
+            let shaft = Shaft { length_mm: 200.0, ..Shaft::default() };
+            setup.needle = Box::new(Springs::new(shaft, Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
+            let mut finite = build(setup);
+            let mut uns = 0;
+            let mut line = String::new();
+            let t = std::time::Instant::now();
+            for step in 0..=280 {
+                let mut instruments = tip_at([40.0, 40.0, 0.5 * step as f64]);
+                instruments.base.translation.vector.z -= 50.0;
+                instruments.guide = Some(Point3::new(40.0, 40.0, -5.0));
+                let outcome = finite.step(&instruments, 1e-3).expect("a step");
+                uns += usize::from(!outcome.converged);
+                if step % 40 == 0 { line += &format!(" {:.2}", outcome.tip_mm.x - 40.0); }
+            }
+            println!("cell {cell} b {b} cut {cut} fric {fric} r {r}: {line} unsettled {uns} contacts {} force {:.2} y {:.2} {:.1}s", finite.outcome().contacts, finite.outcome().on_hand.force_n.z, finite.outcome().tip_mm.y - 40.0, t.elapsed().as_secs_f64());
+        }
+    }
+}

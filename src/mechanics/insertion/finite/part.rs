@@ -11,8 +11,12 @@ use crate::mechanics::needle::{Load, Row};
 const UNDAMPED: usize = 8;
 /// The farthest that an iteration may bend the needle, mm: beyond, its flexibility is another.
 const FARTHEST_MM: f64 = 5.0;
+/// Solutions in a row whose states do not settle, after which a part of a step is given up.
+const MOST_UNSETTLED: usize = 3;
 /// The least share of the way to a solution that an iteration goes.
-const LEAST_SHARE: f64 = 0.05;
+const LEAST_SHARE: f64 = 1e-3;
+/// A part of a step that still moves by more when its iterations end is given up, mm.
+const LOST_MM: f64 = 0.1;
 
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
@@ -100,7 +104,9 @@ impl Finite {
         }
         self.take_tip();
         self.take_compliance();
+        self.keep();
         let mut change = f64::INFINITY;
+        let mut unsettled = 0;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
             // Both shapes of an iteration take the levers of the forces from the shape before it, so that the second differs from the
@@ -139,16 +145,47 @@ impl Finite {
                     self.take_forces(share);
                 }
             }
-            change = self.slide().max(self.line.distance(&self.memory.before));
-            if !solved.settled {
+            change = self.slide(share).max(self.line.distance(&self.memory.before));
+            unsettled = if solved.settled { 0 } else { unsettled + 1 };
+            if unsettled > 0 {
                 change = f64::INFINITY;
             }
-            if change <= self.options.tolerance_mm {
+            if change <= self.options.tolerance_mm || unsettled == MOST_UNSETTLED {
                 break;
             }
         }
-        self.outcome.converged &= change <= self.options.tolerance_mm;
+        if change.is_nan() || change > self.options.tolerance_mm {
+            self.outcome.converged = false;
+            if change.is_nan() || change > LOST_MM {
+                self.put_back(&base);
+            }
+        }
         self.carry();
+    }
+
+    /// Keeps forces, places and states as they are before a part of a step.
+    fn keep(&mut self) {
+        let kept = &mut self.memory.kept;
+        kept.line.clone_from(&self.line);
+        kept.forces.clone_from(&self.forces);
+        kept.contacts.clear();
+        kept.contacts.extend(self.contacts.iter().map(|contact| (contact.arc, contact.slider)));
+        kept.tip = self.tip.row.as_ref().map(|row| row.slider);
+    }
+
+    /// Gives up a part of a step: forces stay as they were before it, and the needle lies under them where its base is now.
+    fn put_back(&mut self, base: &Isometry3<f64>) {
+        let kept = &self.memory.kept;
+        self.line.clone_from(&kept.line);
+        self.forces.clone_from(&kept.forces);
+        for (contact, (arc, slider)) in self.contacts.iter_mut().zip(&kept.contacts) {
+            (contact.arc, contact.slider) = (*arc, *slider);
+        }
+        if let (Some(row), Some(slider)) = (&mut self.tip.row, kept.tip) {
+            row.slider = slider;
+        }
+        self.write_arcs();
+        self.place(base);
     }
 
     /// Goes a share of the way to the forces of the solution.
@@ -158,15 +195,15 @@ impl Finite {
         }
     }
 
-    /// Brings the places along the shaft up to date with the last solution. The largest change, mm.
-    fn slide(&mut self) -> f64 {
+    /// Brings the places along the shaft up to date with the last solution, a share of the way. The largest change, mm.
+    fn slide(&mut self, share: f64) -> f64 {
         let mut largest = 0.0f64;
         for (at, contact) in self.contacts.iter_mut().enumerate() {
-            let arc = if contact.slider.is_stuck() {
-                self.memory.starts[at]
-            } else {
-                self.line.nearest(&(contact.reference + self.joint.displacement(at)))
-            };
+            let mut arc = self.memory.starts[at];
+            if !contact.slider.is_stuck() {
+                let found = self.line.nearest(&(contact.reference + self.joint.displacement(at)));
+                arc = contact.arc + (found - contact.arc) * share;
+            }
             largest = largest.max((arc - contact.arc).abs());
             contact.arc = arc;
         }
