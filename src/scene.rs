@@ -40,11 +40,12 @@ pub use paths::{
 use crate::document;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, NeedleShaft};
-use crate::tracking::needle::NeedlePose;
+use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
 use crate::tracking::trajectory::Trajectory;
 use deform::Deformation;
 use motion::Needle;
+pub(crate) use target::Body;
 use timeline::Timeline;
 
 /// The default scene, every key explained.
@@ -146,6 +147,14 @@ impl Scene {
     /// The path of the probe.
     pub fn probe_path(&self) -> &Trajectory {
         &self.probe
+    }
+
+    /// The path of the needle's tip, if the scene has a needle that moves.
+    pub fn needle_path(&self) -> Option<&NeedlePath> {
+        match self.needle.as_ref()? {
+            Needle::Still(_) => None,
+            Needle::Moving { path, .. } => Some(path),
+        }
     }
 
     /// Fills in what frame `frame` of `of` is made of. What `into` holds already is reused.

@@ -30,7 +30,7 @@ mod error;
 mod file;
 mod report;
 mod resolve;
-mod selection;
+pub(crate) mod selection;
 
 pub use error::{StaticsError, Wrong};
 pub use file::{FixSpec, LoadSpec, MaterialSpec, ProblemFile};

@@ -64,6 +64,18 @@ impl<P> Fault<P> {
         self
     }
 
+    /// The same fault of a file that holds this one.
+    pub(crate) fn map<Q>(self, problem: impl FnOnce(P) -> Q) -> Fault<Q> {
+        let inner = *self.0;
+        Fault(Box::new(Inner {
+            problem: problem(inner.problem),
+            key: inner.key,
+            file: inner.file,
+            place: inner.place,
+            help: inner.help,
+        }))
+    }
+
     /// What is wrong.
     pub fn problem(&self) -> &P {
         &self.0.problem

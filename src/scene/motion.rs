@@ -6,11 +6,11 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
-use super::paths::{MotionSpec, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec};
+use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec};
 use crate::tracking::calibration::{PlusCalibration, transducer_to_probe};
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::sequence::{Sequence, ends};
-use crate::tracking::trajectory::{TrackedFrame, Trajectory, TrajectoryError};
+use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory, TrajectoryError};
 
 /// A path, and whether its poses are frames of their own, as those of a recording are.
 #[derive(Clone, Debug)]
@@ -123,7 +123,7 @@ impl SceneFile {
                     .collect();
                 let tip = NeedlePath::tip_trajectory(&keys, interpolation)
                     .map_err(|error| self.fault(keyframe_key("needle.motion", &error), error))?;
-                Ok((tip, false))
+                Ok((self.rolled(tip, keyframes, interpolation)?, false))
             }
             (None, Some(csv), None) => {
                 let tip = Trajectory::from_csv(&base.join(csv), interpolation).at(self, "needle.motion.csv")?;
@@ -151,6 +151,27 @@ impl SceneFile {
                 Err(self.wrong_keys("needle.motion", found, "one of them"))
             }
         }
+    }
+
+    /// The path with the needle turned about its shaft.
+    fn rolled(
+        &self,
+        tip: Trajectory,
+        keyframes: &[NeedleKeyframe],
+        interpolation: Interpolation,
+    ) -> Result<Trajectory, SceneError> {
+        let mut keys = Vec::with_capacity(keyframes.len());
+        for (at, (key, of)) in tip.keys().iter().zip(keyframes).enumerate() {
+            let roll = of.roll_deg.unwrap_or(0.0);
+            if !roll.is_finite() {
+                let key = format!("needle.motion.keyframes[{at}].roll_deg");
+                let (found, expected) = (roll, "a finite number of degrees");
+                return Err(self.fault(key, Problem::Number { found, expected }));
+            }
+            keys.push((key.time_s, key.pose.turned(roll.to_radians(), 0.0, 0.0)));
+        }
+        Trajectory::from_keys(keys, interpolation)
+            .map_err(|error| self.fault(keyframe_key("needle.motion", &error), error))
     }
 
     /// What a sequence recorded of one transform.

@@ -132,6 +132,9 @@ pub struct NeedleKeyframe {
     pub tip_mm: [f64; 3],
     /// Where the needle points; any length.
     pub direction: [f64; 3],
+    /// Turn about the shaft, degrees: it turns a bevel. At most half a turn from keyframe to keyframe. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roll_deg: Option<f64>,
 }
 
 /// A needle's path from a tracked sequence file of PLUS.

@@ -13,8 +13,8 @@ use crate::tracking::pose::{Pose, PoseSpec};
 use crate::tracking::probe::Probe;
 use crate::volume::{Label, LabelVolume};
 
-/// What a placement knows of the body.
-pub(super) struct Body<'a> {
+/// What is known of the body: its labels and what they are made of.
+pub(crate) struct Body<'a> {
     pub volume: &'a LabelVolume,
     pub tissues: &'a TissueTable,
 }
@@ -164,8 +164,16 @@ impl Body<'_> {
             .collect()
     }
 
+    /// All labels that have a name, by whole name.
+    pub(crate) fn all_named(&self, name: &str) -> Vec<u8> {
+        let wanted = plain(name);
+        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
+        let named = labels.filter(|(label, of)| self.names_of(*label, of).contains(&wanted));
+        named.map(|(label, _)| label).collect()
+    }
+
     /// The names that a target may have.
-    fn names(&self) -> Vec<String> {
+    pub(crate) fn names(&self) -> Vec<String> {
         let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
         let mut names: Vec<String> = labels.flat_map(|(label, of)| self.names_of(label, of)).collect();
         names.sort();
@@ -173,7 +181,8 @@ impl Body<'_> {
         names
     }
 
-    fn name(&self, label: u8) -> String {
+    /// The name of a label, or its value.
+    pub(crate) fn name(&self, label: u8) -> String {
         let of = &self.volume.labels()[usize::from(label)];
         self.names_of(label, of)
             .into_iter()

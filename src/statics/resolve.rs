@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::error::{StaticsError, Wrong};
-use super::file::{FixSpec, ProblemFile};
+use super::file::ProblemFile;
+use super::selection::AXES;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
@@ -113,7 +114,7 @@ impl ProblemFile {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
         for (at, spec) in self.fix.iter().enumerate() {
             let table = format!("fix[{at}]");
-            let axes = self.axes(&table, spec)?;
+            let axes = self.axes(&table, &spec.axes)?;
             self.finite(&format!("{table}.displacement_mm"), &spec.displacement_mm)?;
             for axis in (0..3u8).filter(|axis| !axes.contains(axis) && spec.displacement_mm[*axis as usize] != 0.0) {
                 let (axis, given) = (AXES[axis as usize], spec.displacement_mm[axis as usize]);
@@ -132,20 +133,6 @@ impl ProblemFile {
             tables.resize(fixes.len(), at);
         }
         Ok((fixes, tables))
-    }
-
-    fn axes(&self, table: &str, spec: &FixSpec) -> Result<Vec<u8>, StaticsError> {
-        let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
-        let mut axes: Vec<u8> = spec.axes.chars().filter_map(place).collect();
-        axes.sort_unstable();
-        axes.dedup();
-        // No letter that is none, and none twice.
-        if axes.is_empty() || axes.len() != spec.axes.chars().count() {
-            let found = format!("\"{}\"", spec.axes);
-            let expected = "some of the letters x, y and z, each once, such as \"xyz\" or \"z\"";
-            return Err(self.wrong_keys(format!("{table}.axes"), found, expected));
-        }
-        Ok(axes)
     }
 
     fn loads(&self, mesh: &TetMesh) -> Result<Vec<Load>, StaticsError> {
@@ -192,8 +179,6 @@ fn odd_in_mesh(quality: &Quality) -> Vec<String> {
     }
     odd
 }
-
-const AXES: [char; 3] = ['x', 'y', 'z'];
 
 impl Problem {
     /// The mesh.

@@ -94,6 +94,8 @@ pub enum Marker {
     Cross,
     /// A square.
     Frame,
+    /// Nothing: of a line through many points.
+    None,
 }
 
 impl Marker {
@@ -333,6 +335,7 @@ where
         Marker::Triangle => TriangleMarker::new(at, MARK + 1, colour.filled()).into_dyn(),
         Marker::Cross => Cross::new(at, MARK, thick).into_dyn(),
         Marker::Frame => (EmptyElement::at(at) + Rectangle::new(corners, thick)).into_dyn(),
+        Marker::None => EmptyElement::at(at).into_dyn(),
     }
 }
 

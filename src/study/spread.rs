@@ -19,10 +19,7 @@ impl Spread {
     /// The spread of some times, ms; none of no times. Percentiles are nearest ranks.
     pub fn of(mut ms: Vec<f64>) -> Option<Self> {
         ms.sort_by(f64::total_cmp);
-        let rank = |share: f64| {
-            let place = (share * ms.len() as f64).ceil() as usize;
-            ms.get(place.max(1) - 1).copied()
-        };
+        let rank = |share: f64| percentile(&ms, share);
         let median_ms = rank(0.5)?;
         Some(Self {
             median_ms,
@@ -31,4 +28,10 @@ impl Spread {
             frames: ms.len(),
         })
     }
+}
+
+/// The nearest rank of a share (0 to 1) of ascending numbers; none of none.
+pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
+    let place = (share * ascending.len() as f64).ceil() as usize;
+    ascending.get(place.max(1) - 1).copied()
 }
