@@ -17,6 +17,7 @@
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
 //! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
+//! | [`scenario`] | needle insertions as a user writes them, and their run |
 //! | [`statics`] | static problems as a user writes them |
 //! | [`study`] | benchmarks, hard cases, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
@@ -39,6 +40,7 @@ pub mod plan;
 pub mod random;
 pub mod real;
 pub mod remesh_gpu;
+pub mod scenario;
 pub mod scene;
 mod simd;
 pub mod statics;

@@ -18,7 +18,7 @@ pub struct Rows(pub Matrix4<f64>);
 pub const RIGID_TOLERANCE: f64 = 5e-3;
 
 /// Farthest that a rigid transform may move the origin along an axis, mm: a kilometre, so that later products cannot overflow.
-pub const FARTHEST_MM: f64 = 1e6;
+pub(crate) const FARTHEST_MM: f64 = 1e6;
 
 /// Why a matrix is not a rigid transform.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -1,0 +1,84 @@
+//! Needle insertions as a user writes them: a scene, the tissue that yields in it, a needle, a probe, in one TOML file.
+//!
+//! [`ScenarioFile`] is the file as written; [`ScenarioFile::resolve`] loads what it names, makes the mesh and checks every
+//! number; [`run`](run::run) moves needle and probe through it, step by step. Errors point at the line.
+//!
+//! ```
+//! use insonify::scenario::ScenarioFile;
+//!
+//! let text = r#"
+//! version = 1
+//! scene = "prostate-trus"
+//! [[needle.motion.keyframes]]
+//! time_s = 0
+//! tip_mm = [0, -5, -60]
+//! direction = [0, 0, 1]
+//! [[needle.motion.keyframes]]
+//! time_s = 4
+//! tip_mm = [0, -5, 0]
+//! direction = [0, 0, 1]
+//! "#;
+//! let file = ScenarioFile::parse(text, "insert.toml")?;
+//! assert!(file.plan.is_none());
+//!
+//! let error = ScenarioFile::parse(&text.replace("tip_mm", "tip"), "insert.toml").unwrap_err();
+//! assert_eq!(error.location(), Some(("insert.toml", 6)));
+//! # Ok::<(), insonify::scenario::ScenarioError>(())
+//! ```
+
+mod error;
+mod file;
+mod instruments;
+mod mesh;
+mod needle;
+mod plan;
+mod planned;
+mod probe;
+mod regions;
+mod resolve;
+pub mod run;
+mod summary;
+mod tissue;
+
+use std::path::Path;
+
+use crate::document;
+
+pub use error::{ScenarioError, Wrong};
+pub use file::{RunSpec, ScenarioFile, SceneSource, VERSION};
+pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, NeedleModel, NeedleTable};
+pub use needle::{Bending, NeedleSettings};
+pub use plan::{Deposit, Target};
+pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
+pub use probe::Contact;
+pub use resolve::{Modelling, Scenario, Timing};
+pub use summary::{Happened, Reached, Seed, StepMs, Summary};
+pub use tissue::{
+    BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, RegionName,
+    TissueModel, TissueSpec,
+};
+
+/// The JSON schema of a scenario file.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(ScenarioFile).to_value()
+}
+
+impl ScenarioFile {
+    /// Reads a scenario file.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] for a file that cannot be read or is no scenario.
+    pub fn read(path: &Path) -> Result<Self, ScenarioError> {
+        Self::parse(&document::read(path)?, &path.display().to_string())
+    }
+
+    /// Parses the text of a scenario file; `name` names it in errors.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] that points at what is no TOML, at a key that no scenario has, or at a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
+        let (mut file, source): (Self, _) = document::parse(text, name)?;
+        file.source = Some(source);
+        Ok(file)
+    }
+}

@@ -1,0 +1,92 @@
+//! A scenario file as it is written.
+
+use std::fmt;
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::instruments::{ContactProbeSpec, NeedleTable};
+use super::planned::PlanSpec;
+use super::tissue::TissueSpec;
+use crate::document::Source;
+use crate::scene::SceneFile;
+
+/// The version of the format that this crate reads.
+pub const VERSION: u32 = 1;
+
+/// A needle insertion: a scene, the tissue that yields in it, and how needle and probe move. Paths are relative to the folder
+/// that the file lies in.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScenarioFile {
+    /// Version of the format: 1.
+    #[schemars(required)]
+    pub version: Option<u32>,
+    /// What is imaged, and how the probe lies or moves: the name of a scene that comes with the program, the path of a scene
+    /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario makes both.
+    #[schemars(required)]
+    pub scene: Option<SceneSource>,
+    /// How long it runs, and in what steps.
+    #[serde(default)]
+    pub run: RunSpec,
+    /// How tissue yields.
+    #[serde(default)]
+    pub tissue: TissueSpec,
+    /// The needle and its motion.
+    #[schemars(required)]
+    pub needle: Option<NeedleTable>,
+    /// The probe as a cylinder that tissue lies against. Without it the probe only looks.
+    pub contact_probe: Option<ContactProbeSpec>,
+    /// What is to be done: template, needles, seeds, targets.
+    pub plan: Option<PlanSpec>,
+    /// The text that it was read from, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+/// Where a scene comes from.
+#[derive(Clone, Debug, PartialEq, JsonSchema)]
+#[schemars(untagged)]
+pub enum SceneSource {
+    /// The name of a scene that comes with the program (`insonify scene` lists them), or the path of a scene file.
+    Named(String),
+    /// The scene itself; its `version` may be left out.
+    Inline(Box<SceneFile>),
+}
+
+impl<'de> Deserialize<'de> for SceneSource {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = SceneSource;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the name of a scene, its path, or a scene as a table")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(SceneSource::Named(name.to_owned()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                SceneFile::deserialize(MapAccessDeserializer::new(map)).map(|file| SceneSource::Inline(Box::new(file)))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// How long a scenario runs, and in what steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunSpec {
+    /// Time of a step, ms (0.01 to 100). Default 1, the rate at which a hand is given its force.
+    pub dt_ms: Option<f64>,
+    /// How long it runs, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
+    pub duration_s: Option<f64>,
+    /// Frames a second of simulated time (above 0, at most 1000). Default 25.
+    pub frame_rate_hz: Option<f64>,
+}

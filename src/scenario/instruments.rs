@@ -1,0 +1,103 @@
+//! Needle and probe of a scenario as they are written.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::tissue::RegionName;
+use crate::scene::NeedleMotionSpec;
+
+/// The needle. Its motion is that of a needle that nothing bends: base and direction are what the hand holds.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NeedleTable {
+    /// How it bends. Default `rigid`.
+    pub model: NeedleModel,
+    /// From base to tip, mm (0.1 to 1000). Default 150; 200 of `springs`.
+    pub length_mm: Option<f64>,
+    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge); 1.28 of `springs`.
+    pub diameter_mm: Option<f64>,
+    /// `springs` only: a bevelled tip. Without it the needle is symmetric.
+    pub bevel: Option<BevelSpec>,
+    /// `springs` only: stiffness of a joint between links of 10 mm, N mm for each degree (above 0). Default 10.7, that of a
+    /// brachytherapy needle; joints of other links are as much stiffer as the links are shorter.
+    pub kappa_nmm_per_deg: Option<f64>,
+    /// `springs` only, in place of that: bending stiffness EI, N mm^2 (above 0).
+    pub bending_stiffness_nmm2: Option<f64>,
+    /// `springs` only: length of a link, mm (0.5 to 100). Default 10.
+    pub link_mm: Option<f64>,
+    /// `constrained` only: how far it may bend.
+    pub bending: Option<ConstraintSpec>,
+    /// How it moves, as in a scene. The tip and direction are those of the needle that nothing bends. Not with `plan.needle`,
+    /// which moves it.
+    pub motion: Option<NeedleMotionSpec>,
+    /// Times at which a seed is left at the tip, s, ascending. With `plan.needle` its seeds say it.
+    pub deposit_s: Vec<f64>,
+}
+
+/// Models of needles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NeedleModel {
+    /// A straight line.
+    #[default]
+    Rigid,
+    /// A straight line that turns away from the hand the deeper it is (training system paper).
+    Constrained,
+    /// Rigid links joined by angular springs (haptic simulator paper).
+    Springs,
+}
+
+/// A bevelled tip.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BevelSpec {
+    /// How far beside the centre line the tip cuts, mm (0 to 5): about 0.6 of a brachytherapy needle.
+    pub r_mm: f64,
+    /// Length of the bevelled end, mm (above 0, shorter than the needle).
+    pub length_mm: f64,
+}
+
+/// How far a needle may bend once it is in the body: the weight of the direction in which it entered rises with the inserted
+/// length, `max_weight / (1 + exp(-alpha (length - delta)))`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ConstraintSpec {
+    /// Largest weight of the entry direction (0 to 1). Default 0.9.
+    pub max_weight: Option<f64>,
+    /// How sharply bending becomes constrained, 1/mm (0 to 10). Default 0.06.
+    pub alpha_per_mm: Option<f64>,
+    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
+    pub delta_mm: Option<f64>,
+}
+
+/// The probe as a rigid cylinder that tissue lies against and slides along without friction. It moves as the scene's probe does,
+/// and tissue is at rest where that is at first.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ContactProbeSpec {
+    /// Radius of the cylinder, mm (above 0, at most 100).
+    pub radius_mm: f64,
+    /// Length of the cylinder behind its end, mm (above 0, at most 1000).
+    pub length_mm: f64,
+    /// Direction of the cylinder's axis in the probe frame, towards the end that goes first; any length. Default `[0, 0, -1]`.
+    #[serde(default)]
+    pub axis: Option<[f64; 3]>,
+    /// Centre of that end in the probe frame, mm. Default: on the axis of a cylinder whose surface the centre of the array lies
+    /// on, level with it.
+    #[serde(default)]
+    pub end_mm: Option<[f64; 3]>,
+    /// Only nodes of this region on the surface of the mesh may touch the probe. Default: of any.
+    #[serde(default)]
+    pub surface_of: Option<RegionName>,
+    /// Only nodes within this distance of the cylinder's surface may touch it, mm (0 to 100), anywhere that its motion brings it.
+    /// Default 4.
+    #[serde(default)]
+    pub within_mm: Option<f64>,
+    /// Takes every n-th of these nodes (1 to 1000): fewer contacts, faster and coarser. Default 1.
+    #[serde(default)]
+    pub thinning: Option<u32>,
+    /// Two points of the axis, mm behind the end, that drive the probe: its force is split between them. Default: the whole acts
+    /// at the end.
+    #[serde(default)]
+    pub driven_at_mm: Option<[f64; 2]>,
+}

@@ -1,0 +1,281 @@
+//! The mesh of a scenario: read, or made from the scene's volume; and the nodes of it that do not move.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::regions::{Region, Regions};
+use super::tissue::DEFAULT_NODES;
+use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
+use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
+use crate::mechanics::mesh::quality::Quality;
+use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::mechanics::tissue::dofs::Dofs;
+use crate::mechanics::tissue::rigid::{self, FreePart, RigidError};
+use crate::scene::Scene;
+use crate::scene::deform::NODES;
+use crate::statics::selection::{axes, ordered, select};
+use crate::volume::LabelVolume;
+
+/// A part of the mesh that nothing holds is held by itself where it has at most this share of the nodes: crumbs that a
+/// generated mesh leaves beside what is meant.
+const CRUMB: f64 = 0.02;
+
+/// A mesh and the names that its file gives regions.
+pub(super) struct Meshed {
+    pub mesh: TetMesh,
+    pub names: BTreeMap<i32, String>,
+}
+
+impl ScenarioFile {
+    /// The mesh, read or made. `progress` hears the share done.
+    pub(super) fn mesh(
+        &self,
+        scene: &Scene,
+        base: &Path,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Meshed, ScenarioError> {
+        let spec = &self.tissue;
+        let meshed = match &spec.mesh {
+            Some(path) => {
+                let made = [
+                    ("nodes", spec.nodes.is_some()),
+                    ("box_mm", spec.box_mm.is_some()),
+                    ("outside", !spec.outside.is_empty()),
+                ];
+                if let Some((key, _)) = made.iter().find(|(_, given)| *given) {
+                    let found = format!("`{key}` with `mesh`");
+                    return Err(self.wrong_keys(
+                        format!("tissue.{key}"),
+                        found,
+                        "one of them: a file is taken as it is",
+                    ));
+                }
+                let options = ReadOptions {
+                    region: spec.region_array.as_deref(),
+                    ..ReadOptions::default()
+                };
+                let read = read_mesh(&base.join(path), &options).map_err(|error| self.fault("tissue.mesh", error))?;
+                warnings.extend(read.warnings);
+                Meshed {
+                    mesh: read.mesh,
+                    names: read.region_names,
+                }
+            }
+            None => {
+                if spec.region_array.is_some() {
+                    let found = "`region_array` without `mesh`";
+                    return Err(self.wrong_keys("tissue.region_array", found, "a mesh file that has the array"));
+                }
+                Meshed {
+                    mesh: self.generated(scene, progress, notes)?,
+                    names: BTreeMap::new(),
+                }
+            }
+        };
+        let quality = Quality::of(&meshed.mesh, meshed.mesh.nodes());
+        quality.usable().map_err(|error| self.fault("tissue.mesh", error))?;
+        Ok(meshed)
+    }
+
+    fn generated(
+        &self,
+        scene: &Scene,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+    ) -> Result<TetMesh, ScenarioError> {
+        let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
+        if !(NODES[0]..=NODES[1]).contains(&nodes) {
+            let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
+            return Err(self.fault("tissue.nodes", Wrong::Number { found, expected }));
+        }
+        let volume = &scene.anatomy.volume;
+        let none = BTreeMap::new();
+        let regions = Regions::new(self, scene, &none);
+        let mut outside = Vec::new();
+        for (at, name) in self.tissue.outside.iter().enumerate() {
+            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
+        }
+        let labels = match &self.tissue.box_mm {
+            None => std::borrow::Cow::Borrowed(volume.voxels()),
+            Some(corners) => std::borrow::Cow::Owned(self.cropped(volume, corners)?),
+        };
+        let mut held = [false; 256];
+        labels.iter().for_each(|label| held[usize::from(*label)] = true);
+        let mut wanted = Vec::new();
+        for (index, label) in volume.labels().iter().enumerate().skip(1) {
+            let Ok(number) = i32::try_from(label.value) else {
+                let found = format!("label {}, which cannot be the number of a region", label.value);
+                return Err(self.wrong_keys("scene", found, "label values of 32 bits"));
+            };
+            if held[index] && !outside.contains(&number) {
+                wanted.push((index as u8, number));
+            }
+        }
+        let grid = LabelGrid {
+            labels: &labels,
+            size: volume.size(),
+            index_to_world: *volume.index_to_world(),
+            regions: &wanted,
+        };
+        let key = if self.tissue.nodes.is_some() {
+            "tissue.nodes"
+        } else {
+            "tissue"
+        };
+        let made = generate(&grid, nodes as usize, &GenerateOptions::default(), progress)
+            .map_err(|error| self.fault(key, error))?;
+        notes.push(format!(
+            "mesh: {} nodes, {} tetrahedra, {:.0} % of the tissue in another region than its own",
+            made.report.nodes, made.report.elements, made.report.mislabelled_percent
+        ));
+        Ok(made.mesh)
+    }
+
+    /// The labels with all that lies outside a box unlabelled.
+    fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
+        let [low, high] =
+            ordered("tissue.box_mm", corners).map_err(|(key, wrong)| self.fault(key, Wrong::Nodes(wrong)))?;
+        let [nx, ny, _] = volume.size();
+        let to_world = volume.index_to_world();
+        let inside = |at: usize| {
+            let index = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+            let world = to_world.transform_point(&index);
+            (0..3).all(|axis| low[axis] <= world[axis] && world[axis] <= high[axis])
+        };
+        let labels: Vec<u8> = volume
+            .voxels()
+            .iter()
+            .enumerate()
+            .map(|(at, &label)| if label > 0 && inside(at) { label } else { 0 })
+            .collect();
+        if labels.iter().all(|label| *label == 0) {
+            let expected = "a box that holds labelled tissue (LPS, mm)";
+            return Err(self.wrong_keys("tissue.box_mm", "no labelled voxel in this box", expected));
+        }
+        Ok(labels)
+    }
+
+    /// Nodes and axes that do not move, ascending.
+    pub(super) fn fixed(
+        &self,
+        mesh: &TetMesh,
+        names: &Regions<'_>,
+        made_of: &BTreeMap<i32, Region>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<(u32, u8)>, ScenarioError> {
+        let mut fixed = vec![[false; 3]; mesh.nodes().len()];
+        let of_regions = |fixed: &mut Vec<[bool; 3]>, which: &dyn Fn(i32) -> bool, along: &[u8]| {
+            let elements = mesh.elements().iter().zip(mesh.regions());
+            for &node in elements
+                .filter(|(_, region)| which(**region))
+                .flat_map(|(nodes, _)| nodes)
+            {
+                along
+                    .iter()
+                    .for_each(|axis| fixed[node as usize][*axis as usize] = true);
+            }
+        };
+        of_regions(
+            &mut fixed,
+            &|region| made_of.get(&region).is_some_and(|of| of.rigid),
+            &[0, 1, 2],
+        );
+        for (at, spec) in self.tissue.fix.iter().enumerate() {
+            let table = format!("tissue.fix[{at}]");
+            let nodes_wrong = |(key, wrong)| self.fault(key, Wrong::Nodes(wrong));
+            let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
+            if let Some(region) = &spec.region {
+                if spec.nodes.is_some() || spec.box_mm.is_some() {
+                    let found = "`region` beside `nodes` or `box_mm`";
+                    return Err(self.wrong_keys(table, found, "one of them"));
+                }
+                let numbers = names.numbers(&format!("{table}.region"), region)?;
+                of_regions(&mut fixed, &|region| numbers.contains(&region), &along);
+                continue;
+            }
+            for node in
+                select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes()).map_err(nodes_wrong)?
+            {
+                along
+                    .iter()
+                    .for_each(|axis| fixed[node as usize][*axis as usize] = true);
+            }
+        }
+        self.hold_crumbs(mesh, &mut fixed, warnings)?;
+        Ok(list(&fixed))
+    }
+
+    /// Holds small parts that nothing holds, and refuses large ones.
+    fn hold_crumbs(
+        &self,
+        mesh: &TetMesh,
+        fixed: &mut [[bool; 3]],
+        warnings: &mut Vec<String>,
+    ) -> Result<(), ScenarioError> {
+        let most = CRUMB * mesh.nodes().len() as f64;
+        let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
+            Ok(()) => return Ok(()),
+            Err(RigidError::FreeParts { parts })
+                if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= most) =>
+            {
+                parts
+            }
+            Err(error) => {
+                let help = "fix nodes with [[tissue.fix]], by `box_mm`, `region` or `nodes`".to_owned();
+                return Err(self.fault("tissue.fix", error).with_help(Some(help)));
+            }
+        };
+        let mut held = 0;
+        for part in &free {
+            let nodes = together(mesh, part);
+            held += nodes.len();
+            nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
+        }
+        warnings.push(format!(
+            "{} small parts of the mesh that nothing holds ({held} nodes) are fixed",
+            free.len()
+        ));
+        rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))).map_err(|error| self.fault("tissue.fix", error))
+    }
+}
+
+/// The fixed axes of nodes, ascending.
+fn list(fixed: &[[bool; 3]]) -> Vec<(u32, u8)> {
+    let axes = |(node, axes): (usize, &[bool; 3])| {
+        let axes = *axes;
+        (0..3u8)
+            .filter(move |axis| axes[*axis as usize])
+            .map(move |axis| (node as u32, axis))
+    };
+    fixed.iter().enumerate().flat_map(axes).collect()
+}
+
+/// The nodes of a part that hangs together through faces. A node that it shares as a hinge with another is its own as well.
+fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
+    let mut seen = vec![false; mesh.elements().len()];
+    for start in 0..mesh.elements().len() {
+        if seen[start] || !mesh.elements()[start].contains(&part.example) {
+            continue;
+        }
+        let (mut nodes, mut next) = (BTreeSet::new(), vec![start]);
+        seen[start] = true;
+        while let Some(element) = next.pop() {
+            nodes.extend(mesh.elements()[element]);
+            for &other in mesh.neighbours()[element].iter().filter(|other| **other != NONE) {
+                if !std::mem::replace(&mut seen[other as usize], true) {
+                    next.push(other as usize);
+                }
+            }
+        }
+        if nodes.len() == part.nodes {
+            return nodes;
+        }
+    }
+    BTreeSet::from([part.example])
+}

@@ -1,0 +1,210 @@
+//! The needle of a scenario, checked and filled in.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
+
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::instruments::{BevelSpec, NeedleModel, NeedleTable};
+use super::plan::Deposit;
+use crate::scene::{NeedleMotionSpec, NeedleTable as SceneNeedle};
+use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
+use crate::tracking::pose::Pose;
+
+/// Length and diameter of the haptic simulator paper's needle, mm.
+const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
+/// Stiffness of its joints, N mm for each degree, and the length of its links, mm.
+const KAPPA_NMM_PER_DEG: f64 = 10.7;
+const LINK_MM: f64 = 10.0;
+
+/// How a needle bends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bending {
+    /// Not at all.
+    None,
+    /// Constrained to the direction in which it entered.
+    Constrained(BendingConstraint),
+    /// At joints.
+    Springs {
+        /// Bending stiffness EI, N mm^2.
+        stiffness_nmm2: f64,
+        /// Length of a link, mm.
+        link_mm: f64,
+        /// The bevel, if it has one.
+        bevel: Option<BevelSpec>,
+    },
+}
+
+/// A needle, every number in its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedleSettings {
+    /// From base to tip, mm.
+    pub length_mm: f64,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// How it bends.
+    pub bending: Bending,
+}
+
+impl NeedleSettings {
+    /// The base frame of the needle that nothing bends to world, where its tip has a pose (which looks where the needle points).
+    pub fn base(&self, tip: &Pose) -> Isometry3<f64> {
+        let (along, side) = (tip.axial().into_inner(), tip.lateral().into_inner());
+        let axes = Matrix3::from_columns(&[side, along.cross(&side), along]);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let base = tip.position_mm() - along * self.length_mm;
+        Isometry3::from_parts(base.coords.into(), turn)
+    }
+}
+
+impl ScenarioFile {
+    pub(super) fn needle_table(&self) -> Result<&NeedleTable, ScenarioError> {
+        self.needle
+            .as_ref()
+            .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
+    }
+
+    /// The needle, every number checked.
+    pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
+        let table = self.needle_table()?;
+        let of_springs = [
+            ("bevel", table.bevel.is_some()),
+            ("kappa_nmm_per_deg", table.kappa_nmm_per_deg.is_some()),
+            ("bending_stiffness_nmm2", table.bending_stiffness_nmm2.is_some()),
+            ("link_mm", table.link_mm.is_some()),
+        ];
+        let idle = of_springs
+            .iter()
+            .find(|(_, given)| *given && table.model != NeedleModel::Springs);
+        if let Some((key, _)) = idle {
+            let found = format!("`{key}` of a needle that has no springs");
+            return Err(self.wrong_keys(format!("needle.{key}"), found, "`model = \"springs\"`"));
+        }
+        if table.bending.is_some() && table.model != NeedleModel::Constrained {
+            let found = "`bending` of a needle that is not constrained";
+            return Err(self.wrong_keys("needle.bending", found, "`model = \"constrained\"`"));
+        }
+        let usual = match table.model {
+            NeedleModel::Springs => SPRINGS_MM,
+            _ => [DEFAULT_LENGTH_MM, DEFAULT_DIAMETER_MM],
+        };
+        let within = |key: &'static str, found: f64, [low, high]: [f64; 2], expected| {
+            self.number(format!("needle.{key}"), found, |x| (low..=high).contains(&x), expected)
+        };
+        let length_mm = table.length_mm.unwrap_or(usual[0]);
+        let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
+        Ok(NeedleSettings {
+            length_mm: within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?,
+            diameter_mm: within("diameter_mm", diameter_mm, DIAMETER_MM, "0.05 to 10 mm")?,
+            bending: self.bending(table, length_mm)?,
+        })
+    }
+
+    fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        match table.model {
+            NeedleModel::Rigid => Ok(Bending::None),
+            NeedleModel::Constrained => {
+                let (spec, usual) = (table.bending.unwrap_or_default(), BendingConstraint::default());
+                let constraint = BendingConstraint {
+                    max_weight: spec.max_weight.unwrap_or(usual.max_weight),
+                    alpha_per_mm: spec.alpha_per_mm.unwrap_or(usual.alpha_per_mm),
+                    delta_mm: spec.delta_mm.unwrap_or(usual.delta_mm),
+                };
+                constraint.validate().map_err(|error| {
+                    let key = error.key().unwrap_or_default();
+                    self.fault(format!("needle.bending.{key}"), Wrong::Needle(error))
+                })?;
+                Ok(Bending::Constrained(constraint))
+            }
+            NeedleModel::Springs => self.springs(table, length_mm),
+        }
+    }
+
+    fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        if table.kappa_nmm_per_deg.is_some() && table.bending_stiffness_nmm2.is_some() {
+            let found = "both `kappa_nmm_per_deg` and `bending_stiffness_nmm2`";
+            return Err(self.wrong_keys("needle.kappa_nmm_per_deg", found, "one of them"));
+        }
+        let above = |key: &str, found: f64| {
+            let key = format!("needle.{key}");
+            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
+        };
+        let stiffness_nmm2 = match table.bending_stiffness_nmm2 {
+            Some(stiffness) => above("bending_stiffness_nmm2", stiffness)?,
+            None => {
+                let kappa = table.kappa_nmm_per_deg.unwrap_or(KAPPA_NMM_PER_DEG);
+                above("kappa_nmm_per_deg", kappa)?.to_degrees() * LINK_MM
+            }
+        };
+        let link_mm = table.link_mm.unwrap_or(LINK_MM);
+        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
+        let link_mm = self.number(
+            "needle.link_mm",
+            link_mm,
+            range,
+            "0.5 to 100 mm, at most the needle's length",
+        )?;
+        if let Some(bevel) = &table.bevel {
+            let range = |x: f64| (0.0..=5.0).contains(&x);
+            self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
+            let range = |x: f64| x > 0.0 && x < length_mm;
+            let expected = "above 0, less than the needle's length, mm";
+            self.number("needle.bevel.length_mm", bevel.length_mm, range, expected)?;
+        }
+        Ok(Bending::Springs {
+            stiffness_nmm2,
+            link_mm,
+            bevel: table.bevel,
+        })
+    }
+
+    /// The needle as its scene is given it, and the seeds that it is to leave.
+    pub(super) fn moving(&self, needle: &NeedleSettings) -> Result<(SceneNeedle, Vec<Deposit>), ScenarioError> {
+        let table = self.needle_table()?;
+        let (motion, deposits) = match (self.insertions(needle.length_mm)?, &table.motion) {
+            (Some(_), Some(_)) => {
+                let found = "both `plan.needle` and `needle.motion`";
+                return Err(self.wrong_keys("needle.motion", found, "one of them: a plan moves the needle"));
+            }
+            (None, None) => {
+                let expected =
+                    "`[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or `[[plan.needle]]`";
+                return Err(self.wrong_keys("needle", "a needle that does not move", expected));
+            }
+            (Some(plan), None) if !table.deposit_s.is_empty() => {
+                drop(plan);
+                let found = "both `plan.needle` and `needle.deposit_s`";
+                return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
+            }
+            (Some(plan), None) => {
+                let motion = NeedleMotionSpec {
+                    keyframes: Some(plan.keyframes),
+                    ..NeedleMotionSpec::default()
+                };
+                (motion, plan.deposits)
+            }
+            (None, Some(motion)) => (motion.clone(), self.commanded(&table.deposit_s)?),
+        };
+        let needle = SceneNeedle {
+            length_mm: Some(needle.length_mm),
+            diameter_mm: Some(needle.diameter_mm),
+            motion: Some(motion),
+            ..SceneNeedle::default()
+        };
+        Ok((needle, deposits))
+    }
+
+    fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, ScenarioError> {
+        for (at, time) in times.iter().enumerate() {
+            let after = at.checked_sub(1).map_or(f64::NEG_INFINITY, |before| times[before]);
+            let key = format!("needle.deposit_s[{at}]");
+            self.number(key, *time, |time| time > after, "a time in s after the one before")?;
+        }
+        Ok(times
+            .iter()
+            .map(|&time_s| Deposit {
+                time_s,
+                planned_mm: None,
+            })
+            .collect())
+    }
+}

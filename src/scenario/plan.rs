@@ -1,0 +1,220 @@
+//! A plan: holes of a template, and the motion and the seeds that insertions through them make.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle, TemplateSpec};
+use crate::document::nearest;
+use crate::scene::NeedleKeyframe;
+
+/// Distance between holes where a template states none, mm: that of brachytherapy templates.
+const DEFAULT_SPACING_MM: f64 = 5.0;
+/// The farthest from square that the axes of a template may be, as a cosine.
+const SQUARE: f64 = 1e-3;
+
+/// A place for which a needle or a seed is meant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// What it is called.
+    pub name: String,
+    /// Where it is in the anatomy at rest, mm.
+    pub at_mm: Point3<f64>,
+}
+
+/// A seed that is to be left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deposit {
+    /// When, s.
+    pub time_s: f64,
+    /// Where it was planned, in the anatomy at rest, mm.
+    pub planned_mm: Option<Point3<f64>>,
+}
+
+/// What a plan makes the needle do.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Insertions {
+    pub keyframes: Vec<NeedleKeyframe>,
+    pub deposits: Vec<Deposit>,
+}
+
+/// A template that holds together.
+struct Template<'a> {
+    spec: &'a TemplateSpec,
+    origin: Point3<f64>,
+    steps: [Vector3<f64>; 2],
+    direction: Unit<Vector3<f64>>,
+}
+
+impl Template<'_> {
+    /// The middle of a hole.
+    fn hole(&self, name: &str) -> Option<Point3<f64>> {
+        let names = &self.spec.names;
+        let splits = names.columns.iter().enumerate().filter_map(|(column, title)| {
+            let row = name.strip_prefix(title.as_str())?;
+            let row = names.rows.iter().position(|title| title == row)?;
+            Some([column, row])
+        });
+        let [column, row] = splits.last()?;
+        Some(self.origin + self.steps[0] * column as f64 + self.steps[1] * row as f64)
+    }
+
+    fn names(&self) -> Vec<String> {
+        let names = &self.spec.names;
+        let rows = &names.rows;
+        let of_column = |column: &'_ str| -> Vec<String> { rows.iter().map(|row| format!("{column}{row}")).collect() };
+        names.columns.iter().flat_map(|column| of_column(column)).collect()
+    }
+}
+
+impl ScenarioFile {
+    /// The targets of the plan.
+    pub(super) fn targets(&self) -> Result<Vec<Target>, ScenarioError> {
+        let specs = self.plan.iter().flat_map(|plan| &plan.target);
+        let one = |(at, spec): (usize, &super::planned::TargetSpec)| {
+            Ok(Target {
+                name: spec.name.clone(),
+                at_mm: self.place(&format!("plan.target[{at}].at_mm"), spec.at_mm)?,
+            })
+        };
+        specs.enumerate().map(one).collect()
+    }
+
+    /// What the plan makes a needle of a length (mm) do, if it plans needles.
+    pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
+        let Some(plan) = self.plan.as_ref().filter(|plan| !plan.needle.is_empty()) else {
+            return Ok(None);
+        };
+        let Some(spec) = &plan.template else {
+            return Err(self.wrong_keys(
+                "plan",
+                "`plan.needle` without `plan.template`",
+                "the template of its holes",
+            ));
+        };
+        let template = self.template(spec)?;
+        let time = |key: &str, given: Option<f64>, usual, low, expected| {
+            let found = given.unwrap_or(usual);
+            self.number(format!("plan.{key}"), found, |x| (low..=1e6).contains(&x), expected)
+        };
+        let pause_s = time("pause_s", plan.pause_s, DEFAULT_PAUSE_S, 0.01, "0.01 to 1000 s")?;
+        let mut now_s = time("start_s", plan.start_s, 0.0, 0.0, "0 to 1e6 s")?;
+        let mut made = Insertions::default();
+        for (at, needle) in plan.needle.iter().enumerate() {
+            self.insertion(plan, &template, (at, needle), length_mm, pause_s, &mut now_s, &mut made)?;
+        }
+        Ok(Some(made))
+    }
+
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one caller, which would only pack them to be unpacked"
+    )]
+    fn insertion(
+        &self,
+        plan: &PlanSpec,
+        template: &Template<'_>,
+        (at, needle): (usize, &PlannedNeedle),
+        length_mm: f64,
+        pause_s: f64,
+        now_s: &mut f64,
+        made: &mut Insertions,
+    ) -> Result<(), ScenarioError> {
+        let key = |key: &str| format!("plan.needle[{at}].{key}");
+        let hole = template.hole(&needle.hole).ok_or_else(|| {
+            let names = template.names();
+            let help = nearest(&needle.hole, names.iter().map(String::as_str));
+            let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
+            let expected = match (names.first(), names.last()) {
+                (Some(first), Some(last)) => format!("a hole of the template, {first} to {last}"),
+                _ => "a hole of the template".to_owned(),
+            };
+            let found = format!("\"{}\"", needle.hole);
+            self.wrong_keys(key("hole"), found, expected).with_help(help)
+        })?;
+        let reach = |x: f64| x > 0.0 && x < length_mm;
+        let depth = self.number(
+            key("depth_mm"),
+            needle.depth_mm,
+            reach,
+            "above 0 and less than the needle's length, mm",
+        )?;
+        let (speed_key, speed) = match needle.speed_mm_s {
+            Some(speed) => (key("speed_mm_s"), speed),
+            None => (
+                "plan.speed_mm_s".to_owned(),
+                plan.speed_mm_s.unwrap_or(DEFAULT_SPEED_MM_S),
+            ),
+        };
+        let range = |x: f64| x > 0.0 && x <= 1000.0;
+        let speed = self.number(speed_key, speed, range, "a speed above 0, at most 1000 mm/s")?;
+        let direction = template.direction.into_inner();
+        let mut frame = |time_s: f64, depth: f64| {
+            made.keyframes.push(NeedleKeyframe {
+                time_s,
+                tip_mm: (hole + direction * depth).into(),
+                direction: direction.into(),
+                roll_deg: needle.roll_deg,
+            });
+        };
+        let travel_s = depth / speed;
+        let back_s = *now_s + travel_s + pause_s;
+        frame(*now_s, 0.0);
+        frame(*now_s + travel_s, depth);
+        frame(back_s, depth);
+        frame(back_s + travel_s, 0.0);
+        *now_s = back_s + travel_s + pause_s;
+        let mut seeds = Vec::with_capacity(needle.seeds_mm.len());
+        for (place, seed) in needle.seeds_mm.iter().enumerate() {
+            let key = key(&format!("seeds_mm[{place}]"));
+            seeds.push(self.number(key, *seed, |x| (0.0..=depth).contains(&x), "0 to `depth_mm`")?);
+        }
+        seeds.sort_by(|a, b| b.total_cmp(a));
+        made.deposits.extend(seeds.into_iter().map(|seed| Deposit {
+            time_s: back_s + (depth - seed) / speed,
+            planned_mm: Some(hole + direction * seed),
+        }));
+        Ok(())
+    }
+
+    fn template<'a>(&self, spec: &'a TemplateSpec) -> Result<Template<'a>, ScenarioError> {
+        let key = |key: &str| format!("plan.template.{key}");
+        let origin = self.place(&key("origin_mm"), spec.origin_mm)?;
+        let x = self.direction(&key("x_axis"), spec.x_axis)?;
+        let y = self.direction(&key("y_axis"), spec.y_axis)?;
+        if x.dot(&y).abs() > SQUARE {
+            let found = format!("{:?}", spec.y_axis);
+            return Err(self.wrong_keys(key("y_axis"), found, "a direction square to `x_axis`"));
+        }
+        let normal = Unit::new_normalize(x.cross(&y));
+        let direction = match spec.direction {
+            None => normal,
+            Some(given) => self.direction(&key("direction"), given)?,
+        };
+        if direction.cross(&normal).norm() > SQUARE {
+            let found = format!("{:?}", spec.direction.unwrap_or_default());
+            return Err(self.wrong_keys(key("direction"), found, "`x_axis` cross `y_axis`, or its opposite"));
+        }
+        let spacing = spec.spacing_mm.unwrap_or(DEFAULT_SPACING_MM);
+        let range = |x: f64| x > 0.0 && x <= 100.0;
+        let spacing = self.number(key("spacing_mm"), spacing, range, "above 0, at most 100 mm")?;
+        for (which, names) in [("columns", &spec.names.columns), ("rows", &spec.names.rows)] {
+            let odd = (0..names.len()).find(|at| names[*at].is_empty() || names[..*at].contains(&names[*at]));
+            let key = key(&format!("names.{which}"));
+            match odd {
+                _ if names.is_empty() => return Err(self.wrong_keys(key, "no names", "at least one")),
+                Some(at) => {
+                    let found = format!("the name \"{}\"", names[at]);
+                    return Err(self.wrong_keys(key, found, "names of one letter or more, each once"));
+                }
+                None => {}
+            }
+        }
+        Ok(Template {
+            spec,
+            origin,
+            steps: [x.scale(spacing), y.scale(spacing)],
+            direction,
+        })
+    }
+}

@@ -1,0 +1,144 @@
+//! Which nodes a probe can touch.
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::instruments::ContactProbeSpec;
+use super::regions::Regions;
+use crate::mechanics::insertion::ProbeContact;
+use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::scene::Scene;
+use crate::tracking::pose::Pose;
+
+/// How far from the cylinder a node may be that can touch it where a scenario states no distance, mm.
+const WITHIN_MM: f64 = 4.0;
+
+/// A probe in contact, and where its cylinder is in the frame in which the scene's probe moves.
+#[derive(Clone, Debug)]
+pub struct Contact {
+    /// For the model.
+    pub probe: ProbeContact,
+    /// Frame of the cylinder to the probe frame of images.
+    pub in_probe: Isometry3<f64>,
+}
+
+/// The rigid transform of a pose.
+pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
+    Isometry3::from_parts(pose.position_mm().coords.into(), pose.rotation())
+}
+
+impl ScenarioFile {
+    /// The probe in contact, if the scenario has one. Nodes that are fixed cannot touch it.
+    pub(super) fn contact(
+        &self,
+        scene: &Scene,
+        mesh: &TetMesh,
+        fixed: &[(u32, u8)],
+        regions: &Regions<'_>,
+    ) -> Result<Option<Contact>, ScenarioError> {
+        let Some(spec) = &self.contact_probe else {
+            return Ok(None);
+        };
+        let in_probe = self.cylinder(spec)?;
+        let within = spec.within_mm.unwrap_or(WITHIN_MM);
+        let within = self.number(
+            "contact_probe.within_mm",
+            within,
+            |x| (0.0..=100.0).contains(&x),
+            "0 to 100 mm",
+        )?;
+        let thinning = spec.thinning.unwrap_or(1);
+        if !(1..=1000).contains(&thinning) {
+            let found = format!("{thinning}");
+            return Err(self.wrong_keys("contact_probe.thinning", found, "a whole number from 1 to 1000"));
+        }
+        for (at, driven) in spec.driven_at_mm.iter().flatten().enumerate() {
+            let key = format!("contact_probe.driven_at_mm[{at}]");
+            self.number(key, *driven, |x| x.abs() <= 1000.0, "-1000 to 1000 mm")?;
+        }
+        if let Some([a, b]) = spec.driven_at_mm
+            && (a - b).abs() < 1.0
+        {
+            let found = format!("[{a}, {b}]");
+            return Err(self.wrong_keys("contact_probe.driven_at_mm", found, "two points at least 1 mm apart"));
+        }
+        let numbers = match &spec.surface_of {
+            None => None,
+            Some(name) => Some(regions.numbers("contact_probe.surface_of", name)?),
+        };
+        let poses = scene.probe_path().keys();
+        let nominal = rigid(&scene.probe_path().at(scene.probe_path().start_s())) * in_probe;
+        // Where the end comes to along the axis that the cylinder has at first.
+        let ends = poses.iter().map(|key| {
+            nominal
+                .inverse_transform_point(&(rigid(&key.pose) * in_probe).translation.vector.into())
+                .z
+        });
+        let [last, first] = ends.fold([0.0f64, 0.0f64], |[last, first], z| [last.min(z), first.max(z)]);
+        let reach = [last - spec.length_mm, first];
+        let touches = |node: u32| {
+            let place = nominal.inverse_transform_point(&Point3::from(mesh.nodes()[node as usize]));
+            let off = place.x.hypot(place.y) - spec.radius_mm;
+            off.abs() <= within && (reach[0]..=reach[1]).contains(&place.z)
+        };
+        let held = |node: u32| (0..3).any(|axis| fixed.binary_search(&(node, axis)).is_ok());
+        let all: Vec<u32> = surface(mesh, numbers.as_deref())
+            .into_iter()
+            .filter(|node| touches(*node) && !held(*node))
+            .collect();
+        if all.is_empty() {
+            let found = format!("no free node of the surface within {within} mm of the probe's cylinder");
+            let expected = "a larger `within_mm`, another `surface_of`, or a mesh that leaves out what lies between (`tissue.outside`)";
+            return Err(self.wrong_keys("contact_probe", found, expected));
+        }
+        let candidates = all.into_iter().step_by(thinning as usize).collect();
+        Ok(Some(Contact {
+            probe: ProbeContact {
+                nominal,
+                length_mm: spec.length_mm,
+                candidates,
+                driven_at_mm: spec.driven_at_mm,
+            },
+            in_probe,
+        }))
+    }
+
+    /// Frame of the cylinder to the probe frame.
+    fn cylinder(&self, spec: &ContactProbeSpec) -> Result<Isometry3<f64>, ScenarioError> {
+        let size = |key: &str, found, most, expected| {
+            self.number(
+                format!("contact_probe.{key}"),
+                found,
+                |x| x > 0.0 && x <= most,
+                expected,
+            )
+        };
+        let radius = size("radius_mm", spec.radius_mm, 100.0, "above 0, at most 100 mm")?;
+        size("length_mm", spec.length_mm, 1000.0, "above 0, at most 1000 mm")?;
+        let axis = self.direction("contact_probe.axis", spec.axis.unwrap_or([0.0, 0.0, -1.0]))?;
+        let end = match spec.end_mm {
+            Some(end) => self.place("contact_probe.end_mm", end)?,
+            None => Point3::new(0.0, -radius, 0.0),
+        };
+        // Any turn about the axis will do: the contact frame does not roll with the probe.
+        let turn = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+        Ok(Isometry3::from_parts(end.coords.into(), turn))
+    }
+}
+
+/// Nodes on the surface of a mesh, ascending; of some regions only.
+fn surface(mesh: &TetMesh, regions: Option<&[i32]>) -> Vec<u32> {
+    let mut nodes = Vec::new();
+    let of = |region: &i32| regions.is_none_or(|regions| regions.contains(region));
+    let elements = mesh.elements().iter().zip(mesh.neighbours()).zip(mesh.regions());
+    for ((corners, neighbours), _) in elements.filter(|(_, region)| of(region)) {
+        for (corner, _) in neighbours.iter().enumerate().filter(|(_, other)| **other == NONE) {
+            nodes.extend((0..4).filter(|other| *other != corner).map(|other| corners[other]));
+        }
+    }
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
+}

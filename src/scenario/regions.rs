@@ -1,0 +1,181 @@
+//! What the regions of a mesh are called and made of.
+
+use std::collections::BTreeMap;
+
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::tissue::{MaterialSpec, RegionName};
+use crate::document::nearest;
+use crate::mechanics::insertion::{Bone, Interaction};
+use crate::mechanics::tissue::material::Material;
+use crate::scene::{Body, Scene};
+use crate::tissue::Tissue;
+
+/// Young's modulus from which a tissue is rigid unless a scenario says otherwise, kPa.
+const RIGID_KPA: f64 = 1e6;
+/// Bone where a scenario states no other: 20 N hold a needle within 0.5 mm, which is felt as a stop.
+const BONE: Bone = Bone {
+    stiffness_n_per_mm: 40.0,
+    penetration_mm: 0.5,
+};
+
+/// The regions that a scenario can speak of: labels of its scene.
+pub(super) struct Regions<'a> {
+    file: &'a ScenarioFile,
+    scene: &'a Scene,
+    /// Names that a mesh file gives its regions.
+    named: &'a BTreeMap<i32, String>,
+}
+
+/// What a region is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Region {
+    pub material: Material,
+    pub interaction: Interaction,
+    pub rigid: bool,
+}
+
+impl<'a> Regions<'a> {
+    pub fn new(file: &'a ScenarioFile, scene: &'a Scene, named: &'a BTreeMap<i32, String>) -> Self {
+        Self { file, scene, named }
+    }
+
+    fn body(&self) -> Body<'_> {
+        Body {
+            volume: &self.scene.anatomy.volume,
+            tissues: &self.scene.anatomy.tissues,
+        }
+    }
+
+    /// The label whose value is the number of a region.
+    fn label(&self, region: i32) -> Option<u8> {
+        let labels = self.scene.anatomy.volume.labels();
+        let at = labels.iter().position(|label| label.value == i64::from(region))?;
+        u8::try_from(at).ok()
+    }
+
+    fn tissue(&self, region: i32) -> Option<&Tissue> {
+        self.label(region).map(|label| self.scene.anatomy.tissues.of(label))
+    }
+
+    /// What a region is called.
+    pub fn name(&self, region: i32) -> String {
+        let own = self.named.get(&region).cloned();
+        own.or_else(|| self.label(region).map(|label| self.body().name(label)))
+            .unwrap_or_else(|| region.to_string())
+    }
+
+    /// The numbers of the regions that a name means.
+    pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, ScenarioError> {
+        let found = match name {
+            RegionName::Value(value) => {
+                let region = i32::try_from(*value).ok();
+                region
+                    .filter(|region| self.label(*region).is_some() || self.named.contains_key(region))
+                    .into_iter()
+                    .collect()
+            }
+            RegionName::Name(name) => self.called(name),
+        };
+        if !found.is_empty() {
+            return Ok(found);
+        }
+        let mut has = self.body().names();
+        has.extend(self.named.values().cloned());
+        let help = match name {
+            RegionName::Name(name) => nearest(name, has.iter().map(String::as_str)),
+            RegionName::Value(_) => None,
+        };
+        let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
+        let found = name.to_string();
+        Err(self.file.fault(key, Wrong::Region { found, has }).with_help(help))
+    }
+
+    fn called(&self, name: &str) -> Vec<i32> {
+        let labels = self.scene.anatomy.volume.labels();
+        let of_labels = self.body().all_named(name).into_iter();
+        let values = of_labels.filter_map(|label| i32::try_from(labels[usize::from(label)].value).ok());
+        let of_mesh = self.named.iter().filter(|(_, own)| own.as_str() == name);
+        let mut found: Vec<i32> = values.chain(of_mesh.map(|(region, _)| *region)).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// What each of some regions is made of.
+    pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, ScenarioError> {
+        let (mut others, mut own) = (None, BTreeMap::new());
+        for (at, spec) in self.file.tissue.material.iter().enumerate() {
+            let table = format!("tissue.material[{at}]");
+            self.check(&table, spec)?;
+            let Some(name) = &spec.region else {
+                if others.replace((at, spec)).is_some() {
+                    let found = "a second material without `region`";
+                    return Err(self.file.wrong_keys(table, found, "one at most, for all other regions"));
+                }
+                continue;
+            };
+            let key = format!("{table}.region");
+            for region in self.numbers(&key, name)? {
+                if own.insert(region, (at, spec)).is_some() {
+                    let found = format!("a second material for region {region} ({})", self.name(region));
+                    return Err(self.file.wrong_keys(key, found, "one for each region"));
+                }
+            }
+        }
+        let one = |&region: &i32| {
+            let spec = own.get(&region).or(others.as_ref()).copied();
+            Ok((region, self.region(region, spec)?))
+        };
+        regions.iter().map(one).collect()
+    }
+
+    /// Checks what a table says of itself, whatever region it is about.
+    fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), ScenarioError> {
+        spec.interaction(&Interaction::default()).check().map_err(|error| {
+            let within = match error.key {
+                "density_n_per_mm" | "width_mm" => "peak.",
+                "stiffness_n_per_mm" | "penetration_mm" => "bone.",
+                _ => "",
+            };
+            self.file.fault(format!("{table}.{within}{}", error.key), error)
+        })?;
+        let material = Material::new(spec.young_kpa.unwrap_or(1.0), spec.poisson.unwrap_or(0.0));
+        material
+            .map(drop)
+            .map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))
+    }
+
+    fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, ScenarioError> {
+        let nothing = MaterialSpec::default();
+        let (at, spec) = match spec {
+            Some((at, spec)) => (Some(at), spec),
+            None => (None, &nothing),
+        };
+        let table = at.map_or("tissue.material".to_owned(), |at| format!("tissue.material[{at}]"));
+        let tissue = self.tissue(region);
+        let number = |given: Option<f64>, of: fn(&Tissue) -> f64, key: &str| {
+            given.or(tissue.map(of)).ok_or_else(|| {
+                let found = format!("no `{key}` for region {region}, which is no label of the scene");
+                self.file
+                    .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")
+            })
+        };
+        let young_kpa = number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?;
+        let poisson = number(spec.poisson, |tissue| tissue.poisson, "poisson")?;
+        let material = Material::new(young_kpa, poisson)
+            .map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))?;
+        let rigid = spec.rigid.unwrap_or(young_kpa >= RIGID_KPA);
+        let usual = Interaction {
+            friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.needle_friction_n_mm),
+            cutting_n: tissue.map_or(0.0, |tissue| tissue.cutting_force_n),
+            bone: rigid.then_some(BONE),
+            ..Interaction::default()
+        };
+        Ok(Region {
+            material,
+            interaction: spec.interaction(&usual),
+            rigid,
+        })
+    }
+}

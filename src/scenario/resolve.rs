@@ -1,0 +1,354 @@
+//! From a scenario file to a scenario.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+
+use super::error::{ScenarioError, Wrong};
+use super::file::{RunSpec, ScenarioFile, SceneSource, VERSION};
+use super::needle::NeedleSettings;
+use super::plan::{Deposit, Target};
+use super::probe::{Contact, rigid};
+use super::regions::Regions;
+use super::tissue::{ColumnsName, TissueModel};
+use crate::document::nearest;
+use crate::mechanics::insertion::{Instruments, Interaction};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::scene::{self, EXAMPLES, Scene, SceneFile};
+use crate::tracking::needle::NeedlePath;
+
+/// Most steps of a run: hours of simulated time at a millisecond each.
+const MOST_STEPS: f64 = 1e7;
+/// A time is reached up to this share of a step.
+const REACHED: f64 = 1e-6;
+
+/// When steps and frames are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timing {
+    /// Where the motions start, s.
+    pub start_s: f64,
+    /// Time of a step, s.
+    pub dt_s: f64,
+    /// Steps of the run.
+    pub steps: u64,
+    /// Time from frame to frame, s.
+    pub frame_s: f64,
+}
+
+impl Timing {
+    /// The time at the end of a step, counted from 1, in the time of the motions; 0 is where they start. s.
+    pub fn at(&self, step: u64) -> f64 {
+        self.start_s + step as f64 * self.dt_s
+    }
+
+    /// The first step that reaches a time, s, counted from 1.
+    pub fn step_at(&self, time_s: f64) -> u64 {
+        ((time_s - self.start_s) / self.dt_s - REACHED).ceil().max(1.0) as u64
+    }
+}
+
+/// How tissue is to be modelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Modelling {
+    /// The model.
+    pub model: TissueModel,
+    /// Finite elements: how much follows each change of the mesh.
+    pub level: Level,
+    /// Finite elements: of the compliance.
+    pub precision: Precision,
+    /// Finite elements: where it comes from.
+    pub columns: ColumnsName,
+}
+
+/// A scenario that can be run: every file read, every number in its range, the mesh made.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// What is imaged, with the mesh that carries it.
+    pub scene: Scene,
+    /// The mesh, in the reference state.
+    pub mesh: Arc<TetMesh>,
+    /// The material of each element.
+    pub materials: Vec<Material>,
+    /// Node and axis of each displacement that is held, ascending.
+    pub fixed: Vec<(u32, u8)>,
+    /// What each region of the mesh does to a needle, ascending.
+    pub interactions: Vec<(i32, Interaction)>,
+    /// What each region of the mesh is called.
+    pub region_names: BTreeMap<i32, String>,
+    /// How tissue is modelled.
+    pub modelling: Modelling,
+    /// The needle.
+    pub needle: NeedleSettings,
+    /// The probe in contact, if there is one.
+    pub contact: Option<Contact>,
+    /// Seeds that are to be left, in order of time.
+    pub deposits: Vec<Deposit>,
+    /// Places to be reached.
+    pub targets: Vec<Target>,
+    /// When steps and frames are.
+    pub timing: Timing,
+    /// What was assumed, for people to read.
+    pub notes: Vec<String>,
+    /// What is odd, for people to heed.
+    pub warnings: Vec<String>,
+    path: NeedlePath,
+}
+
+impl Scenario {
+    /// Where the instruments are at the end of a step (counted from 1; 0 before the first).
+    pub fn instruments(&self, step: u64) -> Instruments {
+        let time_s = self.timing.at(step);
+        let deposit = self
+            .deposits
+            .iter()
+            .any(|deposit| self.timing.step_at(deposit.time_s) == step);
+        Instruments {
+            base: self.needle.base(&self.path.tip().at(time_s)),
+            probe: self.contact.as_ref().map(|contact| self.probe(step) * contact.in_probe),
+            deposit,
+        }
+    }
+
+    /// Probe frame of the image to world at the end of a step.
+    pub fn probe(&self, step: u64) -> Isometry3<f64> {
+        rigid(&self.scene.probe_path().at(self.timing.at(step)))
+    }
+
+    /// What a region is called.
+    pub fn region_name(&self, region: i32) -> &str {
+        self.region_names.get(&region).map_or("", String::as_str)
+    }
+}
+
+impl ScenarioFile {
+    /// Reads or makes everything that the scenario names, the mesh included, and checks it all. Relative paths start at
+    /// `base_dir`, the folder of the file. `progress` hears the share done of making the mesh.
+    ///
+    /// # Errors
+    /// [`ScenarioError`], with the key and its place in the file.
+    pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, ScenarioError> {
+        if self.version != Some(VERSION) {
+            return Err(self.fault("version", Wrong::Version { found: self.version }));
+        }
+        let dt_s = self.step_s()?;
+        let frame_s = self.frame_s()?;
+        let modelling = self.modelling()?;
+        let needle = self.needle_settings()?;
+        let (moving, deposits) = self.moving(&needle)?;
+        let targets = self.targets()?;
+
+        let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
+        file.needle = Some(moving);
+        let mut scene = file.resolve(&folder).map_err(|error| self.of_scene(error, is_inline))?;
+        let path = scene
+            .needle_path()
+            .cloned()
+            .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
+        let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
+        if let Some(at) = deposits.iter().position(|of| !self.during(&timing, of.time_s)) {
+            let key = if self.needle_table()?.deposit_s.is_empty() {
+                "plan.needle"
+            } else {
+                "needle.deposit_s"
+            };
+            let found = format!("a seed at {} s", deposits[at].time_s);
+            return Err(self.wrong_keys(
+                key,
+                found,
+                "times within the run, of which each step leaves one seed at most",
+            ));
+        }
+        if let Some(pair) = deposits
+            .windows(2)
+            .find(|pair| timing.step_at(pair[0].time_s) == timing.step_at(pair[1].time_s))
+        {
+            let found = format!("two seeds in one step, at {} s", pair[1].time_s);
+            return Err(self.wrong_keys("run.dt_ms", found, "shorter steps, or seeds farther apart"));
+        }
+
+        let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
+        let meshed = self.mesh(&scene, base_dir, progress, &mut notes, &mut warnings)?;
+        let regions = Regions::new(self, &scene, &meshed.names);
+        let mut present = meshed.mesh.regions().to_vec();
+        present.sort_unstable();
+        present.dedup();
+        let made_of = regions.made_of(&present)?;
+        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, &mut warnings)?;
+        let contact = self.contact(&scene, &meshed.mesh, &fixed, &regions)?;
+        let region_names = present.iter().map(|region| (*region, regions.name(*region))).collect();
+        let materials = meshed
+            .mesh
+            .regions()
+            .iter()
+            .map(|region| made_of[region].material)
+            .collect();
+        let interactions = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
+        let mesh = Arc::new(meshed.mesh);
+        scene.anatomy.mesh = Some(Arc::clone(&mesh));
+        Ok(Scenario {
+            mesh,
+            materials,
+            fixed,
+            interactions,
+            region_names,
+            modelling,
+            needle,
+            contact,
+            deposits,
+            targets,
+            timing,
+            notes,
+            warnings,
+            path,
+            scene,
+        })
+    }
+
+    fn during(&self, timing: &Timing, time_s: f64) -> bool {
+        time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
+    }
+
+    /// The scene's file without needle and deformation, the folder that its paths start at, and whether it stands in this file.
+    fn scene_file(&self, base: &Path) -> Result<(SceneFile, std::path::PathBuf, bool), ScenarioError> {
+        let (file, folder, is_inline) = match &self.scene {
+            None => {
+                return Err(self.wrong_keys(
+                    "scene",
+                    "no `scene`",
+                    "the name of a scene, its path, or a table `[scene]`",
+                ));
+            }
+            Some(SceneSource::Inline(file)) => {
+                let mut file = (**file).clone();
+                file.version = file.version.or(Some(scene::VERSION));
+                (file, base.to_owned(), true)
+            }
+            Some(SceneSource::Named(name)) => {
+                let (file, folder) = self.named_scene(name, base)?;
+                (file, folder, false)
+            }
+        };
+        let own = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
+        if let Some((key, _)) = own.iter().find(|(_, given)| *given) {
+            let at = if is_inline {
+                format!("scene.{key}")
+            } else {
+                "scene".to_owned()
+            };
+            let found = format!("a scene with `{key}` of its own");
+            return Err(self.wrong_keys(
+                at,
+                found,
+                "a scene without: the scenario moves the needle and the tissue",
+            ));
+        }
+        Ok((file, folder, is_inline))
+    }
+
+    fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, std::path::PathBuf), ScenarioError> {
+        if let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| *known == name) {
+            let file = SceneFile::parse(text, name).map_err(|error| self.of_scene(error, false))?;
+            return Ok((file, base.to_owned()));
+        }
+        let path = base.join(name);
+        if !name.contains(['.', '/', '\\']) && !path.exists() {
+            let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
+            let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
+            let (found, expected) = (
+                name.to_owned(),
+                format!("one of {}, or the path of a scene file", known.join(", ")),
+            );
+            let wrong = Wrong::Scene(scene::Problem::Name { found, expected });
+            return Err(self.fault("scene", wrong).with_help(help));
+        }
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let file = SceneFile::read(&path).map_err(|error| match error.location() {
+            Some(_) => self.of_scene(error, false),
+            // A file that is not there is the fault of this one.
+            None => error.map(Wrong::Scene).at_key("scene", self.source.as_ref()),
+        })?;
+        Ok((file, folder))
+    }
+
+    fn step_s(&self) -> Result<f64, ScenarioError> {
+        let found = self.run.dt_ms.unwrap_or(1.0);
+        let dt_ms = self.number("run.dt_ms", found, |x| (0.01..=100.0).contains(&x), "0.01 to 100 ms")?;
+        Ok(dt_ms * 1e-3)
+    }
+
+    fn frame_s(&self) -> Result<f64, ScenarioError> {
+        let found = self.run.frame_rate_hz.unwrap_or(25.0);
+        let range = |x: f64| x > 0.0 && x <= 1000.0;
+        let rate = self.number(
+            "run.frame_rate_hz",
+            found,
+            range,
+            "above 0, at most 1000 frames a second",
+        )?;
+        Ok(1.0 / rate)
+    }
+
+    fn timing(&self, scene: &Scene, path: &NeedlePath, [dt_s, frame_s]: [f64; 2]) -> Result<Timing, ScenarioError> {
+        let RunSpec { duration_s, .. } = self.run;
+        let (needle, probe) = (path.tip(), scene.probe_path());
+        let moves = probe.keys().len() > 1;
+        let spans = [(needle, true), (probe, moves)].into_iter().filter(|(_, moves)| *moves);
+        let spans: Vec<[f64; 2]> = spans.map(|(path, _)| [path.start_s(), path.end_s()]).collect();
+        let start_s = spans.iter().map(|span| span[0]).fold(f64::INFINITY, f64::min);
+        let end_s = spans.iter().map(|span| span[1]).fold(f64::NEG_INFINITY, f64::max);
+        let duration = duration_s.unwrap_or(end_s - start_s);
+        let key = if duration_s.is_some() { "run.duration_s" } else { "run" };
+        let range = |x: f64| x > 0.0 && x <= MOST_STEPS * dt_s;
+        let expected = "a duration above 0 s, of at most 1e7 steps";
+        let duration = self.number(key, duration, range, expected)?;
+        Ok(Timing {
+            start_s,
+            dt_s,
+            steps: (duration / dt_s - REACHED).ceil().max(1.0) as u64,
+            frame_s,
+        })
+    }
+
+    fn modelling(&self) -> Result<Modelling, ScenarioError> {
+        let spec = &self.tissue;
+        if spec.model == TissueModel::MassSpring {
+            let of_elements = [
+                ("level", spec.level.is_some()),
+                ("precision", spec.precision.is_some()),
+                ("columns", spec.columns.is_some()),
+            ];
+            if let Some((key, _)) = of_elements.iter().find(|(_, given)| *given) {
+                let found = format!("`{key}` of a mass-spring model");
+                return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
+            }
+            if self.contact_probe.is_some() {
+                let found = "a probe in contact with a mass-spring model, which has no part for it";
+                return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
+            }
+        }
+        let level = Level::from(spec.level.unwrap_or_default());
+        let precision = Precision::from(spec.precision.unwrap_or_default());
+        let usual = match level {
+            Level::Exact => ColumnsName::OnDemand,
+            _ => ColumnsName::Dense,
+        };
+        let columns = spec.columns.unwrap_or(usual);
+        if level == Level::Exact && precision == Precision::Single {
+            return Err(self.wrong_keys("tissue.precision", "f32 at the exact level", "`f64`, or another level"));
+        }
+        if level != Level::Exact && columns == ColumnsName::OnDemand {
+            let found = format!("columns on demand at level {level}, which keeps a dense inverse");
+            return Err(self.wrong_keys("tissue.columns", found, "`dense`, or the exact level"));
+        }
+        Ok(Modelling {
+            model: spec.model,
+            level,
+            precision,
+            columns,
+        })
+    }
+}

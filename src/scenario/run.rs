@@ -1,0 +1,209 @@
+//! The loop over the steps of a scenario: it moves the instruments, steps the model and tells an observer what came of it.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Matrix4};
+
+use super::resolve::Scenario;
+use super::summary::{Summary, Tally};
+use crate::mechanics::insertion::{Imager, Model, Outcome, Snapshot, StepError, Tissue};
+use crate::synth::{FrameState, NeedleShaft};
+
+/// Time is reached up to this share of a step.
+const REACHED: f64 = 1e-6;
+
+/// A step that was made.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// Which, counted from 1.
+    pub number: u64,
+    /// Simulated time at its end, s from the start of the run.
+    pub time_s: f64,
+    /// Base frame of the needle to world.
+    pub base: Isometry3<f64>,
+    /// What came of it.
+    pub outcome: &'a Outcome,
+    /// What it took, ms.
+    pub ms: f64,
+}
+
+/// A moment at which an image is due.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment<'a> {
+    /// Which, counted from 0.
+    pub number: u64,
+    /// Simulated time, s from the start of the run.
+    pub time_s: f64,
+    /// What a [`Synthesizer`](crate::synth::Synthesizer) renders.
+    pub state: &'a FrameState,
+}
+
+/// A moment at which the mesh is to be written.
+#[derive(Clone, Copy, Debug)]
+pub struct Deformed<'a> {
+    /// Which, counted from 0.
+    pub number: u64,
+    /// Simulated time, s from the start of the run.
+    pub time_s: f64,
+    /// Elements, four nodes each.
+    pub elements: &'a [[u32; 4]],
+    /// Where the nodes are.
+    pub tissue: &'a Tissue,
+}
+
+/// Who is told.
+pub trait Observer {
+    /// What can go wrong with telling, or with a step.
+    type Error: From<StepError>;
+
+    /// After every step.
+    ///
+    /// # Errors
+    /// As the observer likes; the run ends with it.
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Self::Error>;
+
+    /// When an image is due, if frames were asked for.
+    ///
+    /// # Errors
+    /// As the observer likes; the run ends with it.
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Self::Error>;
+
+    /// When the mesh is due, if it was asked for.
+    ///
+    /// # Errors
+    /// As the observer likes; the run ends with it.
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Self::Error>;
+}
+
+/// What is told besides steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Asked {
+    /// Frames at the scenario's rate.
+    pub frames: bool,
+    /// The deformed mesh, every so many seconds of simulated time (above 0).
+    pub mesh_s: Option<f64>,
+}
+
+/// Moments at equal distances from the start on, each told after the first step that reaches it.
+struct Beat {
+    every_s: f64,
+    next: u64,
+}
+
+impl Beat {
+    /// The number of the moment that a time reaches, the latest of them where a step passes several.
+    fn reached(&mut self, time_s: f64, dt_s: f64) -> Option<u64> {
+        let latest = ((time_s + REACHED * dt_s) / self.every_s).floor() as u64;
+        if latest < self.next {
+            return None;
+        }
+        // Numbers count without gaps, however coarse the steps are.
+        let number = self.next;
+        self.next += 1;
+        Some(number)
+    }
+}
+
+/// Runs a scenario from its start to its end. Times of steps are measured and told; nothing depends on them.
+///
+/// # Errors
+/// Those of a step, and the observer's.
+pub fn run<O: Observer>(
+    scenario: &Scenario,
+    model: &mut dyn Model,
+    asked: Asked,
+    observer: &mut O,
+) -> Result<Summary, O::Error> {
+    let timing = scenario.timing;
+    let mut frames = asked.frames.then_some(Beat {
+        every_s: timing.frame_s,
+        next: 0,
+    });
+    let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
+    let mut view = View::new(scenario, model);
+    let mut tally = Tally::new(scenario);
+    for number in 1..=timing.steps {
+        let instruments = scenario.instruments(number);
+        let start = Instant::now();
+        model.step(&instruments, timing.dt_s)?;
+        let step = Step {
+            number,
+            time_s: number as f64 * timing.dt_s,
+            base: instruments.base,
+            outcome: model.outcome(),
+            ms: start.elapsed().as_secs_f64() * 1e3,
+        };
+        tally.add(&step);
+        observer.step(&step)?;
+        let time_s = step.time_s;
+        let frame = frames.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
+        let mesh = meshes.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
+        if frame.is_none() && mesh.is_none() {
+            continue;
+        }
+        view.look(model);
+        if let Some(number_of_frame) = frame {
+            let state = view.state(number_of_frame, scenario.probe(number).to_homogeneous());
+            observer.frame(&Moment {
+                number: number_of_frame,
+                time_s,
+                state,
+            })?;
+        }
+        if let Some(number) = mesh {
+            observer.mesh(&Deformed {
+                number,
+                time_s,
+                elements: view.imager.elements(),
+                tissue: &view.tissue,
+            })?;
+        }
+    }
+    model.snapshot(&mut view.snapshot);
+    Ok(tally.finish(&view.snapshot))
+}
+
+/// What an image needs of a model, in memory that is kept.
+struct View {
+    imager: Box<dyn Imager>,
+    snapshot: Snapshot,
+    tissue: Tissue,
+    state: FrameState,
+}
+
+impl View {
+    fn new(scenario: &Scenario, model: &dyn Model) -> Self {
+        let mut state = FrameState::at(Matrix4::identity());
+        state.needle = Some(NeedleShaft {
+            nodes: Vec::new(),
+            diameter_mm: scenario.needle.diameter_mm,
+        });
+        state.nodes = Some(Vec::new());
+        Self {
+            imager: model.imager(),
+            snapshot: Snapshot::default(),
+            tissue: Tissue::default(),
+            state,
+        }
+    }
+
+    fn look(&mut self, model: &mut dyn Model) {
+        model.snapshot(&mut self.snapshot);
+        self.imager.tissue(&self.snapshot, &mut self.tissue);
+    }
+
+    fn state(&mut self, frame: u64, probe_to_world: Matrix4<f64>) -> &FrameState {
+        self.state.frame = frame;
+        self.state.probe_to_world = probe_to_world;
+        if let Some(needle) = &mut self.state.needle {
+            needle.nodes.clear();
+            needle
+                .nodes
+                .extend(self.snapshot.line.nodes().iter().map(|(_, point)| *point));
+        }
+        if let Some(nodes) = &mut self.state.nodes {
+            nodes.clone_from(&self.tissue.current);
+        }
+        &self.state
+    }
+}

@@ -1,0 +1,272 @@
+//! The figures of a run.
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::resolve::Scenario;
+use super::run::Step;
+use crate::mechanics::insertion::{EventKind, Snapshot};
+use crate::study::spread::percentile;
+
+/// Most events that are kept: a run that never converges reports one a step.
+const MOST_EVENTS: usize = 10_000;
+
+/// The figures of a run, as `insonify insert --json` prints them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Steps made.
+    pub steps: u64,
+    /// Simulated time, s.
+    pub simulated_s: f64,
+    /// Nodes of the mesh.
+    pub nodes: usize,
+    /// Its tetrahedra.
+    pub elements: usize,
+    /// Nodes that the probe can touch.
+    pub probe_candidates: usize,
+    /// Largest force on the hand, N.
+    pub max_base_force_n: f64,
+    /// Largest force on the probe, N; none without one.
+    pub max_probe_force_n: Option<f64>,
+    /// Largest distance of the tip from where that of the unloaded needle would be, mm.
+    pub tip_deflection_mm: f64,
+    /// Largest depth of the tip, mm.
+    pub max_inserted_mm: f64,
+    /// Nodes moved to the tip, or back.
+    pub remeshes: u64,
+    /// Steps that did not converge.
+    pub not_converged: u64,
+    /// Times of steps.
+    pub step_ms: StepMs,
+    /// What happened.
+    pub events: Vec<Happened>,
+    /// Seeds, in the order in which they were left.
+    pub seeds: Vec<Seed>,
+    /// How near targets were come to.
+    pub targets: Vec<Reached>,
+    /// What is odd.
+    pub warnings: Vec<String>,
+}
+
+/// Times of steps, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct StepMs {
+    /// Half of the steps took at most this.
+    pub median: f64,
+    /// 95 of 100 steps did.
+    pub p95: f64,
+    /// 99 of 100 steps did.
+    pub p99: f64,
+    /// The longest.
+    pub max: f64,
+    /// The longest of those that remesh; none where none did.
+    pub remesh_max: Option<f64>,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Happened {
+    /// What.
+    pub kind: &'static str,
+    /// When, s from the start of the run.
+    pub time_s: f64,
+    /// Where, mm.
+    pub at_mm: [f64; 3],
+    /// The region that it is about.
+    pub region: Option<String>,
+}
+
+/// A seed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Seed {
+    /// When it was left, s from the start of the run.
+    pub time_s: f64,
+    /// Where it was planned in the anatomy at rest, mm; none where it was only commanded.
+    pub planned_mm: Option<[f64; 3]>,
+    /// Where it was left, mm: the tip at that time.
+    pub left_at_mm: [f64; 3],
+    /// The tissue that it lies in, by its place in the anatomy at rest, mm; none where it was left outside.
+    pub deposited_mm: Option<[f64; 3]>,
+    /// From `planned_mm` to `deposited_mm`, mm.
+    pub distance_mm: Option<f64>,
+}
+
+/// How near a target was come to, in the anatomy at rest.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reached {
+    /// The target.
+    pub name: String,
+    /// Where it is, mm.
+    pub at_mm: [f64; 3],
+    /// Least distance of the tip from there, mm.
+    pub nearest_tip_mm: f64,
+    /// Distance of the nearest seed, mm; none where there are no seeds in tissue.
+    pub nearest_seed_mm: Option<f64>,
+}
+
+/// The summary of a run while it lasts.
+pub(super) struct Tally<'a> {
+    scenario: &'a Scenario,
+    ms: Vec<f64>,
+    remesh_max: Option<f64>,
+    summary: Summary,
+    /// Seeds that the model has taken, by their place among all.
+    taken: Vec<usize>,
+    unheard: u64,
+}
+
+impl<'a> Tally<'a> {
+    pub fn new(scenario: &'a Scenario) -> Self {
+        let contact = scenario.contact.as_ref();
+        let summary = Summary {
+            steps: 0,
+            simulated_s: 0.0,
+            nodes: scenario.mesh.nodes().len(),
+            elements: scenario.mesh.elements().len(),
+            probe_candidates: contact.map_or(0, |contact| contact.probe.candidates.len()),
+            max_base_force_n: 0.0,
+            max_probe_force_n: contact.map(|_| 0.0),
+            tip_deflection_mm: 0.0,
+            max_inserted_mm: 0.0,
+            remeshes: 0,
+            not_converged: 0,
+            step_ms: StepMs::default(),
+            events: Vec::new(),
+            seeds: Vec::new(),
+            targets: scenario
+                .targets
+                .iter()
+                .map(|target| Reached {
+                    name: target.name.clone(),
+                    at_mm: target.at_mm.into(),
+                    nearest_tip_mm: f64::INFINITY,
+                    nearest_seed_mm: None,
+                })
+                .collect(),
+            warnings: scenario.warnings.clone(),
+        };
+        Self {
+            scenario,
+            ms: Vec::with_capacity(scenario.timing.steps.min(1 << 24) as usize),
+            remesh_max: None,
+            summary,
+            taken: Vec::new(),
+            unheard: 0,
+        }
+    }
+
+    pub fn add(&mut self, step: &Step<'_>) {
+        let (summary, outcome) = (&mut self.summary, step.outcome);
+        self.ms.push(step.ms);
+        if outcome.remeshes > 0 {
+            self.remesh_max = Some(self.remesh_max.map_or(step.ms, |most| most.max(step.ms)));
+        }
+        summary.steps = step.number;
+        summary.simulated_s = step.time_s;
+        summary.max_base_force_n = summary.max_base_force_n.max(outcome.on_hand.force_n.norm());
+        if let (Some(most), Some(wrench)) = (&mut summary.max_probe_force_n, &outcome.on_probe) {
+            *most = most.max(wrench.force_n.norm());
+        }
+        summary.tip_deflection_mm = summary.tip_deflection_mm.max(outcome.tip_deflection_mm);
+        summary.max_inserted_mm = summary.max_inserted_mm.max(outcome.inserted_mm);
+        summary.remeshes += outcome.remeshes as u64;
+        summary.not_converged += u64::from(!outcome.converged);
+        for target in &mut summary.targets {
+            let distance = (outcome.tip_mm - Point3::from(target.at_mm)).norm();
+            target.nearest_tip_mm = target.nearest_tip_mm.min(distance);
+        }
+        self.seed(step);
+        for event in &outcome.events {
+            if self.summary.events.len() == MOST_EVENTS {
+                self.unheard += 1;
+                continue;
+            }
+            self.summary.events.push(Happened {
+                kind: event.kind.name(),
+                time_s: event.time_s,
+                at_mm: event.at_mm.into(),
+                region: event.region.map(|region| self.scenario.region_name(region).to_owned()),
+            });
+        }
+    }
+
+    fn seed(&mut self, step: &Step<'_>) {
+        let timing = &self.scenario.timing;
+        let mut deposits = self.scenario.deposits.iter();
+        let Some(deposit) = deposits.find(|of| timing.step_at(of.time_s) == step.number) else {
+            return;
+        };
+        if step.outcome.events.iter().any(|event| event.kind == EventKind::Seed) {
+            self.taken.push(self.summary.seeds.len());
+        }
+        self.summary.seeds.push(Seed {
+            time_s: step.time_s,
+            planned_mm: deposit.planned_mm.map(Into::into),
+            left_at_mm: step.outcome.tip_mm.into(),
+            deposited_mm: None,
+            distance_mm: None,
+        });
+    }
+
+    pub fn finish(mut self, last: &Snapshot) -> Summary {
+        self.ms.sort_by(f64::total_cmp);
+        let rank = |share| percentile(&self.ms, share).unwrap_or(0.0);
+        self.summary.step_ms = StepMs {
+            median: rank(0.5),
+            p95: rank(0.95),
+            p99: rank(0.99),
+            max: rank(1.0),
+            remesh_max: self.remesh_max,
+        };
+        for (seed, place) in self.taken.iter().zip(&last.seeds) {
+            let seed = &mut self.summary.seeds[*seed];
+            seed.deposited_mm = Some((*place).into());
+            seed.distance_mm = seed.planned_mm.map(|planned| (place - Point3::from(planned)).norm());
+            for target in &mut self.summary.targets {
+                let distance = (place - Point3::from(target.at_mm)).norm();
+                target.nearest_seed_mm = Some(target.nearest_seed_mm.map_or(distance, |least| least.min(distance)));
+            }
+        }
+        self.warn();
+        self.summary
+    }
+
+    fn warn(&mut self) {
+        let summary = &mut self.summary;
+        let outside = summary.seeds.iter().filter(|seed| seed.deposited_mm.is_none()).count();
+        if outside > 0 {
+            summary.warnings.push(format!(
+                "{outside} of {} seeds were left outside the tissue",
+                summary.seeds.len()
+            ));
+        }
+        if summary.not_converged > 0 {
+            let (odd, of) = (summary.not_converged, summary.steps);
+            summary.warnings.push(format!(
+                "{odd} of {of} steps did not converge: their forces are approximate"
+            ));
+        }
+        let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();
+        for (kind, what) in [
+            (
+                EventKind::Crushed,
+                "elements beside the contacts were inverted: tissue is crushed there",
+            ),
+            (EventKind::NotRemeshed, "the tip could not be made a node of the mesh"),
+        ] {
+            let times = count(kind);
+            if times > 0 {
+                let plural = if times == 1 { "once" } else { "more than once" };
+                summary.warnings.push(format!("{what} ({plural}; see the events)"));
+            }
+        }
+        if summary.max_inserted_mm == 0.0 {
+            summary.warnings.push("the needle never met the tissue".to_owned());
+        }
+        if self.unheard > 0 {
+            summary
+                .warnings
+                .push(format!("{} more events are not listed", self.unheard));
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! The tissue of a scenario as it is written.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::de::{Deserializer, Visitor};
+use serde::{Deserialize, Serialize};
+
+use crate::mechanics::insertion::{Bone, Interaction, Peak};
+use crate::mechanics::tissue::remesh::{Level, Precision};
+
+/// Nodes of a mesh made from the scene's volume where a scenario states none: those of the haptic simulator paper.
+pub const DEFAULT_NODES: u32 = 3300;
+
+/// How tissue yields.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TissueSpec {
+    /// The model. Default `finite-element`.
+    pub model: TissueModel,
+    /// A tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm). Its regions are label values of the scene's volume, or have a
+    /// `[[tissue.material]]` each. Default: one made from the scene's volume.
+    pub mesh: Option<PathBuf>,
+    /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first usual one.
+    pub region_array: Option<String>,
+    /// The most nodes of a mesh made from the scene's volume (8 to 1000000). Default 3300.
+    pub nodes: Option<u32>,
+    /// The part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// Labels that are left out of the mesh, such as gel or air: names or values.
+    pub outside: Vec<RegionName>,
+    /// How much of the compliance follows each change of the mesh (finite elements). Default `exact`.
+    pub level: Option<LevelName>,
+    /// Precision of a dense inverse. Default `f64`; the exact level is always in it.
+    pub precision: Option<PrecisionName>,
+    /// Where the compliance comes from. Default `on-demand` for the exact level, `dense` for all others.
+    pub columns: Option<ColumnsName>,
+    /// What regions are made of, where they differ from the scene's tissues.
+    pub material: Vec<MaterialSpec>,
+    /// Nodes that do not move.
+    pub fix: Vec<FixSpec>,
+}
+
+/// Models of tissue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TissueModel {
+    /// Linear finite elements, remeshed at the tip (haptic simulator paper).
+    #[default]
+    FiniteElement,
+    /// Masses and springs in a cylinder around the path of the needle (training system paper).
+    MassSpring,
+}
+
+/// Levels of remeshing: see `docs/remeshing.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum LevelName {
+    /// Exact where the contacts are, from an untouched base.
+    #[default]
+    #[serde(rename = "exact")]
+    Exact,
+    /// The whole inverse follows every change.
+    I,
+    /// Rows and columns of the moved node and its neighbours follow.
+    II,
+    /// Rows and columns of the moved node follow.
+    III,
+    /// Nothing follows.
+    IV,
+}
+
+impl From<LevelName> for Level {
+    fn from(name: LevelName) -> Level {
+        match name {
+            LevelName::Exact => Level::Exact,
+            LevelName::I => Level::I,
+            LevelName::II => Level::II,
+            LevelName::III => Level::III,
+            LevelName::IV => Level::IV,
+        }
+    }
+}
+
+/// Precisions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum PrecisionName {
+    /// Double.
+    #[default]
+    #[serde(rename = "f64")]
+    Double,
+    /// Single.
+    #[serde(rename = "f32")]
+    Single,
+}
+
+impl From<PrecisionName> for Precision {
+    fn from(name: PrecisionName) -> Precision {
+        match name {
+            PrecisionName::Double => Precision::Double,
+            PrecisionName::Single => Precision::Single,
+        }
+    }
+}
+
+/// Where columns of the compliance come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColumnsName {
+    /// Each is solved for when it is first needed: starts at once, small.
+    OnDemand,
+    /// All are computed at the start: seconds to minutes, and the memory of a dense inverse.
+    Dense,
+}
+
+/// A region: the name of a label or tissue, or a label value.
+#[derive(Clone, Debug, PartialEq, Eq, JsonSchema)]
+#[schemars(untagged)]
+pub enum RegionName {
+    /// The value of a label, which is the number of a region.
+    Value(i64),
+    /// The name of a label or of a tissue: all labels that bear it.
+    Name(String),
+}
+
+impl fmt::Display for RegionName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RegionName::Value(value) => write!(f, "{value}"),
+            RegionName::Name(name) => write!(f, "\"{name}\""),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for RegionName {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl Visitor<'_> for Either {
+            type Value = RegionName;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the name of a label or tissue, or a label value")
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Self::Value, E> {
+                Ok(RegionName::Value(value))
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(RegionName::Name(name.to_owned()))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// What a region is made of. What is left open is that of the scene's tissue of that label.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaterialSpec {
+    /// The region; without one the table speaks of all regions that have none of their own.
+    pub region: Option<RegionName>,
+    /// Young's modulus, kPa (above 0).
+    pub young_kpa: Option<f64>,
+    /// Poisson's ratio (above -1, below 0.5).
+    pub poisson: Option<f64>,
+    /// Sliding friction of the shaft, N for each mm of it (0 or more).
+    pub friction_n_per_mm: Option<f64>,
+    /// Static over sliding friction (1 or more). Default 1.
+    pub static_ratio: Option<f64>,
+    /// Force that cuts the tissue at the advancing tip, N (0 or more).
+    pub cutting_n: Option<f64>,
+    /// Force at the tip that breaks the surface of this tissue, N (0 or more). Default 0: none beyond `cutting_n`.
+    pub puncture_n: Option<f64>,
+    /// More force along the shaft near the advancing tip. Default: none.
+    pub peak: Option<PeakSpec>,
+    /// The needle is stopped, as by bone. Default: only where the region is rigid.
+    pub bone: Option<BoneSpec>,
+    /// All nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of bone.
+    pub rigid: Option<bool>,
+}
+
+/// More force near the advancing tip.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PeakSpec {
+    /// Force per length within `width_mm` of the tip, N/mm (0 or more).
+    pub density_n_per_mm: f64,
+    /// mm (above 0).
+    pub width_mm: f64,
+}
+
+/// Bone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoneSpec {
+    /// Force for each mm that the tip is pushed into it, N/mm (above 0).
+    pub stiffness_n_per_mm: f64,
+    /// The depth that the tip comes to at most, mm (above 0).
+    pub penetration_mm: f64,
+}
+
+/// Nodes that do not move: exactly one of `nodes`, `box_mm` and `region`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FixSpec {
+    /// The nodes, by number from 0 in the order of the mesh file.
+    pub nodes: Option<Vec<i64>>,
+    /// All nodes in this box, its faces included, as two opposite corners, mm. `inf` leaves a side open.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes of a region.
+    pub region: Option<RegionName>,
+    /// The axes along which they are fixed: `x`, `y`, `z` or several. Default `xyz`.
+    pub axes: Option<String>,
+}
+
+impl MaterialSpec {
+    /// The interaction, of which what is left open is as in `usual`.
+    pub(super) fn interaction(&self, usual: &Interaction) -> Interaction {
+        Interaction {
+            friction_n_per_mm: self.friction_n_per_mm.unwrap_or(usual.friction_n_per_mm),
+            static_ratio: self.static_ratio.unwrap_or(usual.static_ratio),
+            cutting_n: self.cutting_n.unwrap_or(usual.cutting_n),
+            puncture_n: self.puncture_n.unwrap_or(usual.puncture_n),
+            peak: self.peak.map(|peak| Peak {
+                density_n_per_mm: peak.density_n_per_mm,
+                width_mm: peak.width_mm,
+            }),
+            bone: self.bone.map_or(usual.bone, |bone| {
+                Some(Bone {
+                    stiffness_n_per_mm: bone.stiffness_n_per_mm,
+                    penetration_mm: bone.penetration_mm,
+                })
+            }),
+        }
+    }
+}
