@@ -34,6 +34,7 @@ mod needle;
 mod plan;
 mod planned;
 mod probe;
+pub mod record;
 mod regions;
 mod resolve;
 pub mod run;

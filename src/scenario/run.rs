@@ -91,16 +91,12 @@ struct Beat {
 }
 
 impl Beat {
-    /// The number of the moment that a time reaches, the latest of them where a step passes several.
+    /// The number of the next moment, if a time has reached it. Of steps longer than the distance each has one.
     fn reached(&mut self, time_s: f64, dt_s: f64) -> Option<u64> {
-        let latest = ((time_s + REACHED * dt_s) / self.every_s).floor() as u64;
-        if latest < self.next {
-            return None;
-        }
-        // Numbers count without gaps, however coarse the steps are.
         let number = self.next;
-        self.next += 1;
-        Some(number)
+        let due = time_s + REACHED * dt_s >= number as f64 * self.every_s;
+        self.next += u64::from(due);
+        due.then_some(number)
     }
 }
 

@@ -1,0 +1,148 @@
+//! Curves over the steps of a run, thinned so that a plot shows every peak and no more points than it has room for.
+
+use crate::scenario::run::Step;
+use crate::study::plot::{Axis, Marker, Plot, Series};
+
+/// Stretches of steps that a curve keeps the least and greatest value of: about one a pixel.
+const STRETCHES: u64 = 800;
+/// Most steps that remesh that are marked one by one.
+const MARKED: usize = 1500;
+/// Time of a step at haptic rate, ms.
+const HAPTIC_MS: f64 = 1.0;
+
+/// Least and greatest of a stretch, each with its time, s.
+type Extremes = [[f64; 2]; 2];
+
+#[derive(Clone, Debug, Default)]
+struct Curve {
+    points: Vec<Extremes>,
+}
+
+impl Curve {
+    fn add(&mut self, time_s: f64, value: f64, starts: bool) {
+        let point = [time_s, value];
+        match self.points.last_mut().filter(|_| !starts) {
+            Some([least, most]) => {
+                if value < least[1] {
+                    *least = point;
+                }
+                if value > most[1] {
+                    *most = point;
+                }
+            }
+            None => self.points.push([point; 2]),
+        }
+    }
+
+    fn series(&self, name: &str, colour: usize) -> Series {
+        let mut points = Vec::with_capacity(2 * self.points.len());
+        for &[a, b] in &self.points {
+            let (first, last) = if a[0] <= b[0] { (a, b) } else { (b, a) };
+            points.push(first);
+            if first != last {
+                points.push(last);
+            }
+        }
+        Series {
+            name: name.to_owned(),
+            points,
+            joined: true,
+            marker: Marker::None,
+            colour,
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Curves {
+    steps_a_stretch: u64,
+    axial: Curve,
+    lateral: Curve,
+    probe: Option<Curve>,
+    inserted: Curve,
+    deflection: Curve,
+    ms: Curve,
+    remeshed: Vec<[f64; 2]>,
+    end_s: f64,
+}
+
+impl Curves {
+    pub fn new(steps: u64, has_probe: bool) -> Self {
+        Self {
+            steps_a_stretch: steps.div_ceil(STRETCHES).max(1),
+            axial: Curve::default(),
+            lateral: Curve::default(),
+            probe: has_probe.then(Curve::default),
+            inserted: Curve::default(),
+            deflection: Curve::default(),
+            ms: Curve::default(),
+            remeshed: Vec::new(),
+            end_s: 0.0,
+        }
+    }
+
+    pub fn add(&mut self, step: &Step<'_>) {
+        let starts = (step.number - 1).is_multiple_of(self.steps_a_stretch);
+        let (time_s, outcome) = (step.time_s, step.outcome);
+        let force = outcome.on_hand.in_frame(&step.base).force_n;
+        self.axial.add(time_s, force.z, starts);
+        self.lateral.add(time_s, force.x.hypot(force.y), starts);
+        if let (Some(curve), Some(wrench)) = (&mut self.probe, &outcome.on_probe) {
+            curve.add(time_s, wrench.force_n.norm(), starts);
+        }
+        self.inserted.add(time_s, outcome.inserted_mm, starts);
+        self.deflection.add(time_s, outcome.tip_deflection_mm, starts);
+        self.ms.add(time_s, step.ms, starts);
+        if outcome.remeshes > 0 && self.remeshed.len() < MARKED {
+            self.remeshed.push([time_s, step.ms]);
+        }
+        self.end_s = time_s;
+    }
+
+    pub fn plots(&self) -> [Plot; 3] {
+        let mut forces = vec![
+            self.axial.series("along the needle", 0),
+            self.lateral.series("across the needle", 1),
+        ];
+        forces.extend(self.probe.iter().map(|curve| curve.series("on the probe", 2)));
+        let tip = vec![
+            self.inserted.series("inserted", 0),
+            self.deflection.series("tip deflection", 1),
+        ];
+        let remeshed = Series {
+            name: "steps that remesh".to_owned(),
+            points: self.remeshed.clone(),
+            joined: false,
+            marker: Marker::Cross,
+            colour: 1,
+        };
+        let haptic = Series {
+            name: "1 ms: haptic rate".to_owned(),
+            points: vec![[0.0, HAPTIC_MS], [self.end_s, HAPTIC_MS]],
+            joined: true,
+            marker: Marker::None,
+            colour: 6,
+        };
+        let times = vec![self.ms.series("all steps", 0), remeshed, haptic];
+        [
+            plot(
+                "Force on the hand (along: positive into the body)",
+                Axis::linear("force, N"),
+                forces,
+            ),
+            plot("Tip of the needle", Axis::linear("mm"), tip),
+            plot("Time of a step", Axis::log("ms"), times),
+        ]
+    }
+}
+
+fn plot(title: &str, y: Axis, series: Vec<Series>) -> Plot {
+    Plot {
+        title: title.to_owned(),
+        x: Axis::linear("simulated time, s"),
+        y,
+        series,
+        markers: Vec::new(),
+        front: Vec::new(),
+    }
+}

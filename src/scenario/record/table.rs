@@ -1,0 +1,80 @@
+//! `steps.csv`: a line a step.
+
+use std::io::{self, Write};
+
+use nalgebra::Vector3;
+
+use crate::scenario::run::Step;
+
+/// Columns in front of the counts.
+const NUMBERS: [&str; 27] = [
+    "time_s",
+    "base_x_mm",
+    "base_y_mm",
+    "base_z_mm",
+    "base_dx",
+    "base_dy",
+    "base_dz",
+    "tip_x_mm",
+    "tip_y_mm",
+    "tip_z_mm",
+    "tip_deflection_mm",
+    "inserted_mm",
+    "base_force_x_n",
+    "base_force_y_n",
+    "base_force_z_n",
+    "base_torque_x_nmm",
+    "base_torque_y_nmm",
+    "base_torque_z_nmm",
+    "world_force_x_n",
+    "world_force_y_n",
+    "world_force_z_n",
+    "probe_force_x_n",
+    "probe_force_y_n",
+    "probe_force_z_n",
+    "probe_torque_x_nmm",
+    "probe_torque_y_nmm",
+    "probe_torque_z_nmm",
+];
+/// Columns of counts, and the time that the step took.
+const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,ms";
+
+pub(super) fn head(out: &mut impl Write) -> io::Result<()> {
+    writeln!(out, "{},{COUNTS}", NUMBERS.join(","))
+}
+
+pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
+    let outcome = step.outcome;
+    let own = outcome.on_hand.in_frame(&step.base);
+    let probe = outcome.on_probe.unwrap_or_default();
+    let vectors: [Vector3<f64>; 8] = [
+        step.base.translation.vector,
+        step.base.rotation * Vector3::z(),
+        outcome.tip_mm.coords,
+        own.force_n,
+        own.torque_nmm,
+        outcome.on_hand.force_n,
+        probe.force_n,
+        probe.torque_nmm,
+    ];
+    write!(out, "{}", step.time_s)?;
+    for (at, vector) in vectors.iter().enumerate() {
+        write!(out, ",{},{},{}", vector.x, vector.y, vector.z)?;
+        if at == 2 {
+            write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
+        }
+    }
+    writeln!(
+        out,
+        ",{},{},{},{},{},{},{},{},{:.4}",
+        outcome.contacts,
+        outcome.stuck,
+        outcome.probe_contacts,
+        outcome.remeshes,
+        outcome.substeps,
+        outcome.iterations,
+        u8::from(outcome.converged),
+        outcome.crushed,
+        step.ms
+    )
+}
