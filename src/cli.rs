@@ -7,6 +7,7 @@ mod doctor;
 mod failure;
 mod info;
 mod input;
+mod insert;
 mod inspect;
 mod mesh;
 mod phantom;
@@ -35,6 +36,7 @@ Examples:
   insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
+  insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify stability --quick                       hard cases of the numerics, and whether they hold
   insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
@@ -59,6 +61,7 @@ enum Command {
     Bench(bench::Bench),
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
+    Insert(insert::Insert),
     Solve(solve::Solve),
     Stability(stability::Stability),
     Phantom(phantom::Phantom),
@@ -79,6 +82,7 @@ impl Cli {
             Command::Bench(bench) => bench.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),
+            Command::Insert(insert) => insert.run(),
             Command::Solve(solve) => solve.run(),
             Command::Stability(stability) => stability.run(),
             Command::Phantom(phantom) => phantom.run(),

@@ -5,14 +5,17 @@ use std::fmt;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::gpu::GpuError;
+use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::output::atomic::WriteError;
 use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;
 use crate::phantom::PhantomError;
+use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
+use crate::study::plot::PlotError;
 use crate::study::tradeoff::RenderError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::synth::SynthError;
@@ -25,6 +28,15 @@ pub enum Error {
     /// A scene cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A scenario cannot be run.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A step of an insertion cannot be made.
+    #[error(transparent)]
+    Step(#[from] StepError),
+    /// A plot cannot be drawn.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
     /// A static problem cannot be solved.
     #[error(transparent)]
     Statics(#[from] StaticsError),
@@ -76,6 +88,7 @@ impl Error {
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Scene(error) => error.is_machine(),
+            Self::Scenario(error) => error.is_machine(),
             Self::Statics(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
@@ -84,8 +97,8 @@ impl Error {
             Self::Study(error) => error.is_machine(),
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
-            Self::Write(_) | Self::Render(_) => true,
-            Self::Completion(_) | Self::Phantom(_) | Self::Generate(_) | Self::Synth(_) => false,
+            Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
+            Self::Step(_) | Self::Completion(_) | Self::Phantom(_) | Self::Generate(_) | Self::Synth(_) => false,
         }
     }
 
@@ -99,6 +112,7 @@ impl Diagnostic for Error {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         match self {
             Self::Scene(error) => error.help(),
+            Self::Scenario(error) => error.help(),
             Self::Statics(error) => error.help(),
             _ => None,
         }
@@ -107,6 +121,7 @@ impl Diagnostic for Error {
     fn source_code(&self) -> Option<&dyn SourceCode> {
         match self {
             Self::Scene(error) => error.source_code(),
+            Self::Scenario(error) => error.source_code(),
             Self::Statics(error) => error.source_code(),
             _ => None,
         }
@@ -115,6 +130,7 @@ impl Diagnostic for Error {
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         match self {
             Self::Scene(error) => error.labels(),
+            Self::Scenario(error) => error.labels(),
             Self::Statics(error) => error.labels(),
             _ => None,
         }

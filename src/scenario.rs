@@ -30,6 +30,7 @@ mod error;
 mod file;
 mod instruments;
 mod mesh;
+mod model;
 mod needle;
 mod plan;
 mod planned;
@@ -58,6 +59,9 @@ pub use tissue::{
     BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, RegionName,
     TissueModel, TissueSpec,
 };
+
+/// The scenarios that come with the crate, by name.
+pub const EXAMPLES: &[(&str, &str)] = &[("liver-biopsy", include_str!("../assets/liver-biopsy.toml"))];
 
 /// The JSON schema of a scenario file.
 pub fn schema() -> serde_json::Value {

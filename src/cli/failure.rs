@@ -6,14 +6,17 @@ use std::path::PathBuf;
 
 use insonify::error::{INPUT, MACHINE};
 use insonify::gpu::GpuError;
+use insonify::mechanics::insertion::StepError;
 use insonify::mechanics::mesh::file::MeshFileError;
 use insonify::mechanics::mesh::generate::GenerateError;
 use insonify::output::atomic::WriteError;
 use insonify::output::png::PngError;
 use insonify::output::sequence::SequenceError;
 use insonify::phantom::PhantomError;
+use insonify::scenario::ScenarioError;
 use insonify::scene::SceneError;
 use insonify::statics::StaticsError;
+use insonify::study::plot::PlotError;
 use insonify::study::tradeoff::RenderError;
 use insonify::study::tradeoff::remesh::StudyError;
 use insonify::synth::SynthError;
@@ -115,11 +118,14 @@ from_library!(
     GpuError,
     MeshFileError,
     PhantomError,
+    PlotError,
     PngError,
     RenderError,
+    ScenarioError,
     SceneError,
     SequenceError,
     StaticsError,
+    StepError,
     StudyError,
     SynthError,
     VolumeError,

@@ -2,7 +2,7 @@
 
 mod coverage;
 mod extras;
-mod target;
+pub mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -96,7 +96,7 @@ impl Render {
         let count = self.frames.unwrap_or_else(|| scene.frames());
         let target = Target::choose(self.output.as_deref(), count)?;
         let size = scene.settings.image;
-        let output = Output::open(&target, size.width, size.height)?;
+        let output = Output::open(target, size.width, size.height)?;
         let mut chosen = self
             .backend
             .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
@@ -118,14 +118,8 @@ impl Render {
         Ok(())
     }
 
-    fn frames(
-        &self,
-        scene: &Scene,
-        chosen: &mut Chosen,
-        mut output: Output<'_>,
-        count: usize,
-    ) -> Result<Report, Failure> {
-        let target = output.target;
+    fn frames(&self, scene: &Scene, chosen: &mut Chosen, mut output: Output, count: usize) -> Result<Report, Failure> {
+        let target = output.target.clone();
         let synth = &mut chosen.synth;
         synth.time_passes(self.json)?;
         let extras = Extras {
@@ -133,7 +127,7 @@ impl Render {
             sidecar: self.sidecar,
             overview: self.overview,
             scene,
-            target,
+            target: &target,
         };
         let mut state = FrameState::at(Matrix4::identity());
         // Of a probe that stays the scene has told it.

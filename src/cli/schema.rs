@@ -23,6 +23,9 @@ enum Of {
     /// A problem file that `solve` reads
     #[value(alias = "solve")]
     Problem,
+    /// A scenario file that `insert` reads
+    #[value(alias = "insert")]
+    Scenario,
     /// The sidecar of a frame that `render --sidecar` writes
     Sidecar,
 }
@@ -32,6 +35,7 @@ impl Schema {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify::scene::schema(),
             Of::Problem => schema_for!(ProblemFile).to_value(),
+            Of::Scenario => insonify::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

@@ -3,9 +3,11 @@
 use super::file::{ScenarioFile, VERSION};
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::insertion::InvalidInteraction;
+use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::mesh::quality::UnusableMesh;
+use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::rigid::RigidError;
 use crate::scene::{Problem, SceneError};
@@ -78,6 +80,12 @@ pub enum Wrong {
     /// The needle is wrong.
     #[error(transparent)]
     Needle(#[from] InvalidNeedle),
+    /// No model can be made of the needle.
+    #[error(transparent)]
+    NeedleModel(#[from] InvalidNeedleModel),
+    /// No model can be made of the tissue.
+    #[error(transparent)]
+    Setup(#[from] InvalidSetup),
 }
 
 impl ScenarioError {

@@ -95,7 +95,9 @@ pub struct Scenario {
     pub notes: Vec<String>,
     /// What is odd, for people to heed.
     pub warnings: Vec<String>,
-    path: NeedlePath,
+    pub(super) path: NeedlePath,
+    /// As it was written, for errors that point into it.
+    pub(super) file: ScenarioFile,
 }
 
 impl Scenario {
@@ -205,6 +207,7 @@ impl ScenarioFile {
             warnings,
             path,
             scene,
+            file: self.clone(),
         })
     }
 

@@ -175,6 +175,7 @@ impl View {
             diameter_mm: scenario.needle.diameter_mm,
         });
         state.nodes = Some(Vec::new());
+        state.reference = Some(Vec::new());
         Self {
             imager: model.imager(),
             snapshot: Snapshot::default(),
@@ -199,6 +200,9 @@ impl View {
         }
         if let Some(nodes) = &mut self.state.nodes {
             nodes.clone_from(&self.tissue.current);
+        }
+        if let Some(nodes) = &mut self.state.reference {
+            nodes.clone_from(&self.tissue.reference);
         }
         &self.state
     }

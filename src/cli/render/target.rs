@@ -12,7 +12,7 @@ use nalgebra::Matrix4;
 use crate::cli::failure::Failure;
 
 /// Where frames go.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
     /// One PNG.
     File(PathBuf),
@@ -80,16 +80,16 @@ fn ends_in_separator(path: &Path) -> bool {
 }
 
 /// A target being written.
-pub struct Output<'a> {
-    pub target: &'a Target,
+pub struct Output {
+    pub target: Target,
     sequence: Option<SequenceWriter>,
 }
 
-impl<'a> Output<'a> {
+impl Output {
     /// Makes the folder, starts the sequence, or looks for the folder of the file, so that what cannot be written shows
     /// before anything is rendered.
-    pub fn open(target: &'a Target, width: usize, height: usize) -> Result<Self, Failure> {
-        let sequence = match target {
+    pub fn open(target: Target, width: usize, height: usize) -> Result<Self, Failure> {
+        let sequence = match &target {
             Target::File(path) => {
                 let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
                 if let Some(Err(cause)) = folder.map(fs::metadata) {

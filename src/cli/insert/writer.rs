@@ -1,0 +1,165 @@
+//! What a run leaves in its folder.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use indicatif::ProgressBar;
+use insonify::mechanics::mesh::TetMesh;
+use insonify::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
+use insonify::output::atomic::{self, WriteError};
+use insonify::output::png;
+use insonify::scenario::record::{PLOTS, Record};
+use insonify::scenario::run::{Deformed, Moment, Observer, Step};
+use insonify::scenario::{Scenario, Summary};
+use insonify::study::plot::SIZE;
+use serde::Serialize;
+
+use crate::cli::backend::Chosen;
+use crate::cli::failure::Failure;
+use crate::cli::render::target::{Output, Target};
+use crate::cli::terminal;
+
+/// Writes while a scenario runs.
+pub struct Writer<'a> {
+    scenario: &'a Scenario,
+    folder: PathBuf,
+    steps: BufWriter<File>,
+    record: Record,
+    bar: ProgressBar,
+    frames: Option<Rendering>,
+    /// Time (s) and name of each mesh.
+    meshes: Vec<(f64, String)>,
+}
+
+/// Frames in the making.
+struct Rendering {
+    chosen: Chosen,
+    output: Output,
+}
+
+impl<'a> Writer<'a> {
+    pub fn new(scenario: &'a Scenario, folder: &Path, quiet: bool) -> Result<Self, Failure> {
+        let path = folder.join("steps.csv");
+        let wrong = |cause| WriteError::new(&path, cause);
+        let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
+        Record::head(&mut steps).map_err(wrong)?;
+        Ok(Self {
+            scenario,
+            folder: folder.to_owned(),
+            steps,
+            record: Record::new(scenario),
+            bar: terminal::share(quiet),
+            frames: None,
+            meshes: Vec::new(),
+        })
+    }
+
+    /// Renders frames from now on, as pictures or as a sequence.
+    pub fn render(&mut self, chosen: Chosen, as_sequence: bool) -> Result<(), Failure> {
+        let target = match as_sequence {
+            true => Target::Sequence(self.folder.join("frames.mha")),
+            false => Target::Folder(self.folder.join("frames")),
+        };
+        let size = self.scenario.scene.settings.image;
+        let output = Output::open(target, size.width, size.height)?;
+        self.frames = Some(Rendering { chosen, output });
+        Ok(())
+    }
+
+    /// What was odd about rendering.
+    pub fn warnings(&self) -> Vec<String> {
+        let frames = self.frames.iter();
+        frames
+            .flat_map(|frames| frames.chosen.warnings.iter().cloned())
+            .collect()
+    }
+
+    /// Finishes the table and writes plots, page and summary.
+    pub fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Failure> {
+        self.bar.finish_and_clear();
+        let path = self.folder.join("steps.csv");
+        self.steps.flush().map_err(|cause| WriteError::new(&path, cause))?;
+        if let Some(frames) = self.frames {
+            frames.output.finish()?;
+        }
+        if !self.meshes.is_empty() {
+            write_pvd(&self.folder.join("mesh").join("mesh.pvd"), &self.meshes)?;
+        }
+        let plots = make(&self.folder.join("plots"))?;
+        for (name, plot) in PLOTS.iter().zip(self.record.plots()) {
+            text(&plots.join(format!("{name}.svg")), &plot.svg()?)?;
+            let [width, height] = SIZE.map(|side| side as usize);
+            png::write_rgb(&plots.join(format!("{name}.png")), width, height, &plot.rgb()?)?;
+        }
+        text(&self.folder.join("index.html"), &self.record.page(title, summary)?)?;
+        let json = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
+        text(&self.folder.join("summary.json"), &format!("{json}\n"))
+    }
+
+    fn write_mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+        let folder = make(&self.folder.join("mesh"))?;
+        let tissue = deformed.tissue;
+        let name = format!("mesh_{:04}.vtu", deformed.number);
+        let path = folder.join(&name);
+        let elements = deformed.elements.to_vec();
+        let regions = match self.scenario.mesh.elements().len() == elements.len() {
+            true => self.scenario.mesh.regions().to_vec(),
+            false => vec![0; elements.len()],
+        };
+        let mesh = TetMesh::new(tissue.reference.clone(), elements, regions).map_err(|source| MeshFileError::Mesh {
+            path: path.clone(),
+            source,
+        })?;
+        let pairs = tissue.reference.iter().zip(&tissue.current);
+        let moved: Vec<[f64; 3]> = pairs.map(|(a, b)| [0, 1, 2].map(|axis| b[axis] - a[axis])).collect();
+        write_vtu(&path, &mesh, Some(&moved))?;
+        self.meshes.push((deformed.time_s, name));
+        Ok(())
+    }
+}
+
+impl Observer for Writer<'_> {
+    type Error = Failure;
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Failure> {
+        self.record
+            .step(step, &mut self.steps)
+            .map_err(|cause| WriteError::new(&self.folder.join("steps.csv"), cause))?;
+        self.bar
+            .set_position(terminal::SHARES * step.number / self.scenario.timing.steps);
+        Ok(())
+    }
+
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Failure> {
+        let Some(frames) = &mut self.frames else {
+            return Ok(());
+        };
+        let frame = frames.chosen.synth.render(moment.state)?;
+        let number = moment.number as usize;
+        frames
+            .output
+            .write(frame, number, moment.time_s, &moment.state.probe_to_world)?;
+        Ok(())
+    }
+
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+        self.write_mesh(deformed)
+    }
+}
+
+/// Makes a folder, if it is not there.
+fn make(folder: &Path) -> Result<PathBuf, Failure> {
+    fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+        path: folder.to_owned(),
+        cause,
+    })?;
+    Ok(folder.to_owned())
+}
+
+fn text(path: &Path, text: &str) -> Result<(), Failure> {
+    atomic::write(path, |out: &mut BufWriter<&mut File>| -> io::Result<()> {
+        out.write_all(text.as_bytes())
+    })?;
+    Ok(())
+}

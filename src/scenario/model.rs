@@ -1,0 +1,100 @@
+//! From a scenario to the model that its steps are made by.
+
+use nalgebra::Point3;
+
+use super::error::{ScenarioError, Wrong};
+use super::needle::Bending;
+use super::resolve::Scenario;
+use super::tissue::ColumnsName;
+use crate::mechanics::insertion::Model;
+use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
+use crate::mechanics::needle::{Bevel, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+
+/// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
+const PIECE_MM: f64 = 2.0;
+
+impl Scenario {
+    /// The model, tissue at rest and no instrument near. `progress` hears what is done of what, where there is much to do.
+    ///
+    /// # Errors
+    /// [`ScenarioError`], with the key that is to blame.
+    pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, ScenarioError> {
+        let needle = self.needle_model().map_err(|error| {
+            let key = format!("needle.{}", error.key);
+            self.file.fault(key, Wrong::NeedleModel(error))
+        })?;
+        let dense = self.modelling.columns == ColumnsName::Dense;
+        let setup = Setup {
+            mesh: (*self.mesh).clone(),
+            materials: self.materials.clone(),
+            fixed: self.fixed.clone(),
+            interactions: self.interactions.clone(),
+            needle,
+            probe: self.contact.as_ref().map(|contact| contact.probe.clone()),
+            level: self.modelling.level,
+            precision: self.modelling.precision,
+            options: Options {
+                dense,
+                ..Options::default()
+            },
+        };
+        let mut finite = Finite::new(setup, progress).map_err(|error| self.blame(error))?;
+        if !dense {
+            self.look_ahead(&mut finite);
+        }
+        Ok(Box::new(finite))
+    }
+
+    fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+        let shaft = Shaft {
+            length_mm: self.needle.length_mm,
+            radius_mm: self.needle.diameter_mm / 2.0,
+        };
+        Ok(match self.needle.bending {
+            Bending::None => Box::new(Rigid::new(shaft, None)?),
+            Bending::Constrained(constraint) => Box::new(Constrained::new(shaft, constraint)?),
+            Bending::Springs {
+                stiffness_nmm2,
+                link_mm,
+                bevel,
+            } => {
+                let bevel = bevel.map(|bevel| Bevel {
+                    r_mm: bevel.r_mm,
+                    length_mm: bevel.length_mm,
+                });
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Springs::new(shaft, stiffness, link_mm, bevel)?)
+            }
+        })
+    }
+
+    fn blame(&self, error: InvalidSetup) -> ScenarioError {
+        let key = match &error {
+            InvalidSetup::Interaction { .. } => "tissue.material",
+            InvalidSetup::Fixed { .. } | InvalidSetup::Rigid(_) => "tissue.fix",
+            InvalidSetup::Candidate { .. } => "contact_probe",
+            InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => "tissue",
+            InvalidSetup::Number { .. } => "tissue",
+            InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
+        };
+        self.file.fault(key, Wrong::Setup(error))
+    }
+
+    /// Fetches ahead what remeshing along the needle's path will read, so that no step waits for it.
+    fn look_ahead(&self, finite: &mut Finite) {
+        let mut from: Option<Point3<f64>> = None;
+        for key in self.path.tip().keys() {
+            let to = key.pose.position_mm();
+            let Some(start) = from else {
+                from = Some(to);
+                continue;
+            };
+            let along = to - start;
+            let length = along.norm();
+            if length >= PIECE_MM {
+                finite.prefetch(&start, &(along / length), length);
+                from = Some(to);
+            }
+        }
+    }
+}
