@@ -50,7 +50,7 @@ pub use error::{ScenarioError, Wrong};
 pub use file::{RunSpec, ScenarioFile, SceneSource, VERSION};
 pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, NeedleModel, NeedleTable};
 pub use needle::{Bending, NeedleSettings};
-pub use plan::{Deposit, Target};
+pub use plan::{Deposit, Guide, Target};
 pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
 pub use probe::Contact;
 pub use resolve::{Modelling, Scenario, Timing};
@@ -61,7 +61,18 @@ pub use tissue::{
 };
 
 /// The scenarios that come with the crate, by name.
-pub const EXAMPLES: &[(&str, &str)] = &[("liver-biopsy", include_str!("../assets/liver-biopsy.toml"))];
+pub const EXAMPLES: &[(&str, &str)] = &[
+    ("liver-biopsy", include_str!("../assets/liver-biopsy.toml")),
+    (
+        "prostate-brachytherapy",
+        include_str!("../assets/prostate-brachytherapy.toml"),
+    ),
+    ("spine-injection", include_str!("../assets/spine-injection.toml")),
+    (
+        "segmentation-biopsy",
+        include_str!("../assets/segmentation-biopsy.toml"),
+    ),
+];
 
 /// The JSON schema of a scenario file.
 pub fn schema() -> serde_json::Value {

@@ -16,7 +16,7 @@ pub struct NeedleTable {
     pub length_mm: Option<f64>,
     /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge); 1.28 of `springs`.
     pub diameter_mm: Option<f64>,
-    /// `springs` only: a bevelled tip. Without it the needle is symmetric.
+    /// Not of `constrained`: a bevelled tip. Without it the needle is symmetric.
     pub bevel: Option<BevelSpec>,
     /// `springs` only: stiffness of a joint between links of 10 mm, N mm for each degree (above 0). Default 10.7, that of a
     /// brachytherapy needle; joints of other links are as much stiffer as the links are shorter.

@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use super::error::{ScenarioError, Wrong};
+use super::instruments::BevelSpec;
 use super::needle::Bending;
 use super::resolve::Scenario;
 use super::tissue::ColumnsName;
@@ -50,20 +51,20 @@ impl Scenario {
             length_mm: self.needle.length_mm,
             radius_mm: self.needle.diameter_mm / 2.0,
         };
+        let bevelled = |bevel: BevelSpec| Bevel {
+            r_mm: bevel.r_mm,
+            length_mm: bevel.length_mm,
+        };
         Ok(match self.needle.bending {
-            Bending::None => Box::new(Rigid::new(shaft, None)?),
+            Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel.map(bevelled))?),
             Bending::Constrained(constraint) => Box::new(Constrained::new(shaft, constraint)?),
             Bending::Springs {
                 stiffness_nmm2,
                 link_mm,
                 bevel,
             } => {
-                let bevel = bevel.map(|bevel| Bevel {
-                    r_mm: bevel.r_mm,
-                    length_mm: bevel.length_mm,
-                });
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Springs::new(shaft, stiffness, link_mm, bevel)?)
+                Box::new(Springs::new(shaft, stiffness, link_mm, bevel.map(bevelled))?)
             }
         })
     }

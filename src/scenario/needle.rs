@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::instruments::{BevelSpec, NeedleModel, NeedleTable};
-use super::plan::Deposit;
+use super::plan::{Deposit, Guide};
 use crate::scene::{NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
@@ -20,7 +20,10 @@ const LINK_MM: f64 = 10.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bending {
     /// Not at all.
-    None,
+    None {
+        /// The bevel, if it has one.
+        bevel: Option<BevelSpec>,
+    },
     /// Constrained to the direction in which it entered.
     Constrained(BendingConstraint),
     /// At joints.
@@ -32,6 +35,13 @@ pub enum Bending {
         /// The bevel, if it has one.
         bevel: Option<BevelSpec>,
     },
+}
+
+/// How a needle moves, and what happens on its way.
+pub(super) struct Moving {
+    pub needle: SceneNeedle,
+    pub deposits: Vec<Deposit>,
+    pub guides: Vec<Guide>,
 }
 
 /// A needle, every number in its range.
@@ -67,7 +77,6 @@ impl ScenarioFile {
     pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
         let table = self.needle_table()?;
         let of_springs = [
-            ("bevel", table.bevel.is_some()),
             ("kappa_nmm_per_deg", table.kappa_nmm_per_deg.is_some()),
             ("bending_stiffness_nmm2", table.bending_stiffness_nmm2.is_some()),
             ("link_mm", table.link_mm.is_some()),
@@ -78,6 +87,10 @@ impl ScenarioFile {
         if let Some((key, _)) = idle {
             let found = format!("`{key}` of a needle that has no springs");
             return Err(self.wrong_keys(format!("needle.{key}"), found, "`model = \"springs\"`"));
+        }
+        if table.bevel.is_some() && table.model == NeedleModel::Constrained {
+            let found = "`bevel` of a needle whose bending is constrained";
+            return Err(self.wrong_keys("needle.bevel", found, "`model = \"rigid\"` or `model = \"springs\"`"));
         }
         if table.bending.is_some() && table.model != NeedleModel::Constrained {
             let found = "`bending` of a needle that is not constrained";
@@ -91,6 +104,13 @@ impl ScenarioFile {
             self.number(format!("needle.{key}"), found, |x| (low..=high).contains(&x), expected)
         };
         let length_mm = table.length_mm.unwrap_or(usual[0]);
+        if let Some(bevel) = &table.bevel {
+            let range = |x: f64| (0.0..=5.0).contains(&x);
+            self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
+            let range = |x: f64| x > 0.0 && x < length_mm;
+            let expected = "above 0, less than the needle's length, mm";
+            self.number("needle.bevel.length_mm", bevel.length_mm, range, expected)?;
+        }
         let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
         Ok(NeedleSettings {
             length_mm: within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?,
@@ -101,7 +121,7 @@ impl ScenarioFile {
 
     fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
         match table.model {
-            NeedleModel::Rigid => Ok(Bending::None),
+            NeedleModel::Rigid => Ok(Bending::None { bevel: table.bevel }),
             NeedleModel::Constrained => {
                 let (spec, usual) = (table.bending.unwrap_or_default(), BendingConstraint::default());
                 let constraint = BendingConstraint {
@@ -143,13 +163,6 @@ impl ScenarioFile {
             range,
             "0.5 to 100 mm, at most the needle's length",
         )?;
-        if let Some(bevel) = &table.bevel {
-            let range = |x: f64| (0.0..=5.0).contains(&x);
-            self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
-            let range = |x: f64| x > 0.0 && x < length_mm;
-            let expected = "above 0, less than the needle's length, mm";
-            self.number("needle.bevel.length_mm", bevel.length_mm, range, expected)?;
-        }
         Ok(Bending::Springs {
             stiffness_nmm2,
             link_mm,
@@ -157,10 +170,10 @@ impl ScenarioFile {
         })
     }
 
-    /// The needle as its scene is given it, and the seeds that it is to leave.
-    pub(super) fn moving(&self, needle: &NeedleSettings) -> Result<(SceneNeedle, Vec<Deposit>), ScenarioError> {
+    /// The needle as its scene is given it, the seeds that it is to leave and the holes that guide it.
+    pub(super) fn moving(&self, needle: &NeedleSettings) -> Result<Moving, ScenarioError> {
         let table = self.needle_table()?;
-        let (motion, deposits) = match (self.insertions(needle.length_mm)?, &table.motion) {
+        let (motion, deposits, guides) = match (self.insertions(needle.length_mm)?, &table.motion) {
             (Some(_), Some(_)) => {
                 let found = "both `plan.needle` and `needle.motion`";
                 return Err(self.wrong_keys("needle.motion", found, "one of them: a plan moves the needle"));
@@ -180,9 +193,9 @@ impl ScenarioFile {
                     keyframes: Some(plan.keyframes),
                     ..NeedleMotionSpec::default()
                 };
-                (motion, plan.deposits)
+                (motion, plan.deposits, plan.guides)
             }
-            (None, Some(motion)) => (motion.clone(), self.commanded(&table.deposit_s)?),
+            (None, Some(motion)) => (motion.clone(), self.commanded(&table.deposit_s)?, Vec::new()),
         };
         let needle = SceneNeedle {
             length_mm: Some(needle.length_mm),
@@ -190,7 +203,11 @@ impl ScenarioFile {
             motion: Some(motion),
             ..SceneNeedle::default()
         };
-        Ok((needle, deposits))
+        Ok(Moving {
+            needle,
+            deposits,
+            guides,
+        })
     }
 
     fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, ScenarioError> {

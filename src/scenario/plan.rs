@@ -36,6 +36,16 @@ pub struct Deposit {
 pub(super) struct Insertions {
     pub keyframes: Vec<NeedleKeyframe>,
     pub deposits: Vec<Deposit>,
+    pub guides: Vec<Guide>,
+}
+
+/// A hole of the template, and when a needle runs through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guide {
+    /// From when to when, s.
+    pub during_s: [f64; 2],
+    /// Its middle, mm.
+    pub at_mm: Point3<f64>,
 }
 
 /// A template that holds together.
@@ -163,6 +173,12 @@ impl ScenarioFile {
         frame(*now_s + travel_s, depth);
         frame(back_s, depth);
         frame(back_s + travel_s, 0.0);
+        if template.spec.holds.unwrap_or(true) {
+            made.guides.push(Guide {
+                during_s: [*now_s, back_s + travel_s],
+                at_mm: hole,
+            });
+        }
         *now_s = back_s + travel_s + pause_s;
         let mut seeds = Vec::with_capacity(needle.seeds_mm.len());
         for (place, seed) in needle.seeds_mm.iter().enumerate() {

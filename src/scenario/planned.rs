@@ -42,6 +42,10 @@ pub struct TemplateSpec {
     /// Distance between holes, mm (above 0, at most 100). Default 5.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spacing_mm: Option<f64>,
+    /// Whether a needle is held across its shaft by the hole that it runs through; without, the template only says where
+    /// needles go. Default true.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holds: Option<bool>,
     /// Names of the columns and of the rows: hole `C2` is that of column `C` and row `2`.
     pub names: TemplateNames,
 }

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 
 use super::error::{ScenarioError, Wrong};
 use super::file::{RunSpec, ScenarioFile, SceneSource, VERSION};
-use super::needle::NeedleSettings;
-use super::plan::{Deposit, Target};
+use super::needle::{Moving, NeedleSettings};
+use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::tissue::{ColumnsName, TissueModel};
@@ -87,6 +87,8 @@ pub struct Scenario {
     pub contact: Option<Contact>,
     /// Seeds that are to be left, in order of time.
     pub deposits: Vec<Deposit>,
+    /// Holes of the template that hold the needle, in order of time.
+    pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
     /// When steps and frames are.
@@ -111,8 +113,14 @@ impl Scenario {
         Instruments {
             base: self.needle.base(&self.path.tip().at(time_s)),
             probe: self.contact.as_ref().map(|contact| self.probe(step) * contact.in_probe),
+            guide: self.guide_at(time_s),
             deposit,
         }
+    }
+
+    fn guide_at(&self, time_s: f64) -> Option<Point3<f64>> {
+        let within = |guide: &&Guide| (guide.during_s[0]..=guide.during_s[1]).contains(&time_s);
+        self.guides.iter().find(within).map(|guide| guide.at_mm)
     }
 
     /// Probe frame of the image to world at the end of a step.
@@ -140,12 +148,18 @@ impl ScenarioFile {
         let frame_s = self.frame_s()?;
         let modelling = self.modelling()?;
         let needle = self.needle_settings()?;
-        let (moving, deposits) = self.moving(&needle)?;
+        let Moving {
+            needle: moving,
+            deposits,
+            guides,
+        } = self.moving(&needle)?;
         let targets = self.targets()?;
 
         let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
         file.needle = Some(moving);
         let mut scene = file.resolve(&folder).map_err(|error| self.of_scene(error, is_inline))?;
+        // A needle that goes in is to be seen, whether the scene thought of one or not.
+        scene.settings.effects.needle.get_or_insert_default();
         let path = scene
             .needle_path()
             .cloned()
@@ -201,6 +215,7 @@ impl ScenarioFile {
             needle,
             contact,
             deposits,
+            guides,
             targets,
             timing,
             notes,

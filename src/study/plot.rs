@@ -270,7 +270,9 @@ impl Plot {
                 series.points.iter().filter(inside).map(|point| (point[0], point[1]))
             };
             if series.joined {
-                chart.draw_series(LineSeries::new(shown(), colour.stroke_width(2)))?;
+                // Thick lines have mitred corners, which stick out where a line turns back.
+                let width = if series.marker == Marker::None { 1 } else { 2 };
+                chart.draw_series(LineSeries::new(shown(), colour.stroke_width(width)))?;
             }
             for point in shown() {
                 chart.plotting_area().draw(&marker(point, series.marker, colour))?;
