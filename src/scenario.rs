@@ -40,6 +40,8 @@ mod regions;
 mod resolve;
 pub mod run;
 mod summary;
+#[cfg(test)]
+mod tests;
 mod tissue;
 
 use std::path::Path;
