@@ -26,6 +26,8 @@
 //! # Ok::<(), insonify::scenario::ScenarioError>(())
 //! ```
 
+mod carried;
+mod cylinder;
 mod error;
 mod file;
 mod instruments;
@@ -48,6 +50,7 @@ use std::path::Path;
 
 use crate::document;
 
+pub use cylinder::CylinderSpec;
 pub use error::{ScenarioError, Wrong};
 pub use file::{RunSpec, ScenarioFile, SceneSource, VERSION};
 pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, NeedleModel, NeedleTable};

@@ -4,6 +4,8 @@ use super::file::{ScenarioFile, VERSION};
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::insertion::InvalidInteraction;
 use crate::mechanics::insertion::finite::InvalidSetup;
+use crate::mechanics::insertion::spring::InvalidParameters;
+use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::mesh::quality::UnusableMesh;
@@ -86,6 +88,12 @@ pub enum Wrong {
     /// No model can be made of the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
+    /// No masses and springs can be made.
+    #[error(transparent)]
+    Springs(#[from] InvalidParameters),
+    /// Elements that make no mesh.
+    #[error(transparent)]
+    Mesh(#[from] InvalidMesh),
 }
 
 impl ScenarioError {

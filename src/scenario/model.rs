@@ -1,7 +1,10 @@
 //! From a scenario to the model that its steps are made by.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 
+use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
 use super::instruments::BevelSpec;
 use super::needle::Bending;
@@ -9,6 +12,7 @@ use super::resolve::Scenario;
 use super::tissue::ColumnsName;
 use crate::mechanics::insertion::Model;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
+use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::needle::{Bevel, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
@@ -24,6 +28,14 @@ impl Scenario {
             let key = format!("needle.{}", error.key);
             self.file.fault(key, Wrong::NeedleModel(error))
         })?;
+        if let Some(parameters) = self.cylinder {
+            let labels = Labels {
+                volume: Arc::clone(&self.scene.anatomy.volume),
+                interactions: self.interactions.iter().copied().collect(),
+            };
+            let springs = MassSpring::new(parameters, Box::new(labels), needle);
+            return Ok(Box::new(springs.map_err(|error| self.file.spring_fault(error))?));
+        }
         let dense = self.modelling.columns == ColumnsName::Dense;
         let setup = Setup {
             mesh: (*self.mesh).clone(),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 
+use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
 use super::file::{RunSpec, ScenarioFile, SceneSource, VERSION};
 use super::needle::{Moving, NeedleSettings};
@@ -14,6 +15,7 @@ use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::tissue::{ColumnsName, TissueModel};
 use crate::document::nearest;
+use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
@@ -71,6 +73,8 @@ pub struct Scenario {
     pub scene: Scene,
     /// The mesh, in the reference state.
     pub mesh: Arc<TetMesh>,
+    /// The cylinder of masses and springs, if tissue is one. Then only `interactions` speak of regions, those of the volume.
+    pub cylinder: Option<Parameters>,
     /// The material of each element.
     pub materials: Vec<Material>,
     /// Node and axis of each displacement that is held, ascending.
@@ -134,6 +138,17 @@ impl Scenario {
     }
 }
 
+/// What comes of `[tissue]`.
+struct Made {
+    mesh: Arc<TetMesh>,
+    cylinder: Option<Parameters>,
+    materials: Vec<Material>,
+    fixed: Vec<(u32, u8)>,
+    interactions: Vec<(i32, Interaction)>,
+    region_names: BTreeMap<i32, String>,
+    contact: Option<Contact>,
+}
+
 impl ScenarioFile {
     /// Reads or makes everything that the scenario names, the mesh included, and checks it all. Relative paths start at
     /// `base_dir`, the folder of the file. `progress` hears the share done of making the mesh.
@@ -187,33 +202,21 @@ impl ScenarioFile {
         }
 
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
-        let meshed = self.mesh(&scene, base_dir, progress, &mut notes, &mut warnings)?;
-        let regions = Regions::new(self, &scene, &meshed.names);
-        let mut present = meshed.mesh.regions().to_vec();
-        present.sort_unstable();
-        present.dedup();
-        let made_of = regions.made_of(&present)?;
-        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, &mut warnings)?;
-        let contact = self.contact(&scene, &meshed.mesh, &fixed, &regions)?;
-        let region_names = present.iter().map(|region| (*region, regions.name(*region))).collect();
-        let materials = meshed
-            .mesh
-            .regions()
-            .iter()
-            .map(|region| made_of[region].material)
-            .collect();
-        let interactions = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
-        let mesh = Arc::new(meshed.mesh);
-        scene.anatomy.mesh = Some(Arc::clone(&mesh));
+        let tissue = match self.cylinder_of(path.tip())? {
+            Some(parameters) => self.springs_of(&scene, parameters)?,
+            None => self.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
+        };
+        scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
-            mesh,
-            materials,
-            fixed,
-            interactions,
-            region_names,
+            mesh: tissue.mesh,
+            materials: tissue.materials,
+            fixed: tissue.fixed,
+            interactions: tissue.interactions,
+            region_names: tissue.region_names,
+            cylinder: tissue.cylinder,
+            contact: tissue.contact,
             modelling,
             needle,
-            contact,
             deposits,
             guides,
             targets,
@@ -223,6 +226,68 @@ impl ScenarioFile {
             path,
             scene,
             file: self.clone(),
+        })
+    }
+
+    /// Finite elements.
+    fn elements_of(
+        &self,
+        scene: &Scene,
+        base_dir: &Path,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Made, ScenarioError> {
+        let meshed = self.mesh(scene, base_dir, progress, notes, warnings)?;
+        let regions = Regions::new(self, scene, &meshed.names);
+        let mut present = meshed.mesh.regions().to_vec();
+        present.sort_unstable();
+        present.dedup();
+        let made_of = regions.made_of(&present)?;
+        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, warnings)?;
+        let of_elements = meshed.mesh.regions().iter();
+        Ok(Made {
+            cylinder: None,
+            materials: of_elements.map(|region| made_of[region].material).collect(),
+            interactions: made_of.iter().map(|(region, of)| (*region, of.interaction)).collect(),
+            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
+            contact: self.contact(scene, &meshed.mesh, &fixed, &regions)?,
+            fixed,
+            mesh: Arc::new(meshed.mesh),
+        })
+    }
+
+    /// Masses and springs.
+    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
+        let none = BTreeMap::new();
+        let regions = Regions::new(self, scene, &none);
+        let mut outside = Vec::new();
+        for (at, name) in self.tissue.outside.iter().enumerate() {
+            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
+        }
+        let volume = &scene.anatomy.volume;
+        let labels = volume
+            .labels()
+            .iter()
+            .enumerate()
+            .skip(1)
+            .filter(|(index, _)| volume.holds(*index));
+        let present = labels.filter_map(|(_, label)| i32::try_from(label.value).ok());
+        let present: Vec<i32> = present.filter(|region| !outside.contains(region)).collect();
+        let made_of = regions.made_of(&present)?;
+        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
+        let labels = Labels {
+            volume: Arc::clone(volume),
+            interactions: interactions.iter().copied().collect(),
+        };
+        Ok(Made {
+            mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
+            cylinder: Some(parameters),
+            materials: Vec::new(),
+            fixed: Vec::new(),
+            interactions,
+            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
+            contact: None,
         })
     }
 
@@ -333,21 +398,6 @@ impl ScenarioFile {
 
     fn modelling(&self) -> Result<Modelling, ScenarioError> {
         let spec = &self.tissue;
-        if spec.model == TissueModel::MassSpring {
-            let of_elements = [
-                ("level", spec.level.is_some()),
-                ("precision", spec.precision.is_some()),
-                ("columns", spec.columns.is_some()),
-            ];
-            if let Some((key, _)) = of_elements.iter().find(|(_, given)| *given) {
-                let found = format!("`{key}` of a mass-spring model");
-                return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
-            }
-            if self.contact_probe.is_some() {
-                let found = "a probe in contact with a mass-spring model, which has no part for it";
-                return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
-            }
-        }
         let level = Level::from(spec.level.unwrap_or_default());
         let precision = Precision::from(spec.precision.unwrap_or_default());
         let usual = match level {

@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Matrix4};
+use nalgebra::{Isometry3, Matrix4, Vector3};
 
+use super::carried::Carried;
 use super::resolve::Scenario;
 use super::summary::{Summary, Tally};
 use crate::mechanics::insertion::{Imager, Model, Outcome, Snapshot, StepError, Tissue};
@@ -137,7 +138,7 @@ pub fn run<O: Observer>(
         if frame.is_none() && mesh.is_none() {
             continue;
         }
-        view.look(model);
+        view.look(model, &instruments.base);
         if let Some(number_of_frame) = frame {
             let state = view.state(number_of_frame, scenario.probe(number).to_homogeneous());
             observer.frame(&Moment {
@@ -165,6 +166,7 @@ struct View {
     snapshot: Snapshot,
     tissue: Tissue,
     state: FrameState,
+    seeds: Carried,
 }
 
 impl View {
@@ -181,11 +183,16 @@ impl View {
             snapshot: Snapshot::default(),
             tissue: Tissue::default(),
             state,
+            seeds: Carried::default(),
         }
     }
 
-    fn look(&mut self, model: &mut dyn Model) {
+    fn look(&mut self, model: &mut dyn Model, base: &Isometry3<f64>) {
         model.snapshot(&mut self.snapshot);
+        // Seeds come out along the needle that leaves them.
+        self.seeds
+            .along
+            .resize(self.snapshot.seeds.len(), base.rotation * Vector3::z());
         self.imager.tissue(&self.snapshot, &mut self.tissue);
     }
 
@@ -198,6 +205,9 @@ impl View {
                 .nodes
                 .extend(self.snapshot.line.nodes().iter().map(|(_, point)| *point));
         }
+        let (seeds, tissue) = (&self.snapshot.seeds, &self.tissue);
+        self.seeds
+            .place(seeds, self.imager.elements(), tissue, &mut self.state.seeds);
         if let Some(nodes) = &mut self.state.nodes {
             nodes.clone_from(&self.tissue.current);
         }

@@ -197,7 +197,12 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
     assert!((summary.seeds[0].time_s - 1.0).abs() < 1e-9 && summary.seeds[0].planned_mm.is_none());
     assert_eq!(summary.seeds[0].deposited_mm.map(|at| at[0]), Some(0.5));
     assert_eq!(summary.events[0].region.as_deref(), Some("phantom_top"));
-    assert!(summary.warnings.iter().any(|warning| warning.starts_with("1 of 200 steps did not converge")));
+    assert!(
+        summary
+            .warnings
+            .iter()
+            .any(|warning| warning.starts_with("1 of 200 steps did not converge"))
+    );
 }
 
 #[test]
@@ -214,14 +219,34 @@ fn the_base_lies_behind_the_tip_and_turns_with_the_roll() {
 #[test]
 fn materials_are_those_of_the_tissues_but_for_what_is_said() {
     let scenario = resolved(BLOCK).expect("a scenario");
-    let own = |region: i32| scenario.interactions.iter().find(|(of, _)| *of == region).expect("a region").1;
+    let own = |region: i32| {
+        scenario
+            .interactions
+            .iter()
+            .find(|(of, _)| *of == region)
+            .expect("a region")
+            .1
+    };
     assert_eq!((own(1).friction_n_per_mm, own(2).friction_n_per_mm), (0.02, 0.25));
     // Cutting of the inclusion was left to its tissue.
     assert_eq!(own(2).cutting_n, 1.5);
-    let of = |region| scenario.mesh.regions().iter().position(|of| *of == region).expect("an element");
-    assert_eq!([1, 2].map(|region| scenario.materials[of(region)].young_kpa()), [10.0, 60.0]);
+    let of = |region| {
+        scenario
+            .mesh
+            .regions()
+            .iter()
+            .position(|of| *of == region)
+            .expect("an element")
+    };
+    assert_eq!(
+        [1, 2].map(|region| scenario.materials[of(region)].young_kpa()),
+        [10.0, 60.0]
+    );
     assert!(!scenario.fixed.is_empty());
-    let held = scenario.fixed.iter().all(|(node, _)| scenario.mesh.nodes()[*node as usize][2] >= 40.0);
+    let held = scenario
+        .fixed
+        .iter()
+        .all(|(node, _)| scenario.mesh.nodes()[*node as usize][2] >= 40.0);
     assert!(held, "only what the box holds is fixed");
 
     let rigid = resolved(&BLOCK.replace("friction_n_per_mm = 0.25", "rigid = true")).expect("a scenario");
@@ -231,11 +256,17 @@ fn materials_are_those_of_the_tissues_but_for_what_is_said() {
 
 #[test]
 fn a_box_crops_what_is_meshed() {
-    let cropped = BLOCK.replace("nodes = 250", "nodes = 250\nbox_mm = [[-20, -inf, -inf], [20, inf, inf]]");
+    let cropped = BLOCK.replace(
+        "nodes = 250",
+        "nodes = 250\nbox_mm = [[-20, -inf, -inf], [20, inf, inf]]",
+    );
     let scenario = resolved(&cropped).expect("a scenario");
     let [low, high] = scenario.mesh.bounds();
     // To within half a voxel and what the mesh smooths.
-    assert!((low[0] + 20.0).abs() < 5.0 && (high[0] - 20.0).abs() < 5.0, "{low:?} {high:?}");
+    assert!(
+        (low[0] + 20.0).abs() < 5.0 && (high[0] - 20.0).abs() < 5.0,
+        "{low:?} {high:?}"
+    );
 }
 
 #[test]
@@ -272,14 +303,25 @@ at_mm = [0, 0, -35]
         (600, [-5.0, -5.0, -50.0]),
         (850, [-5.0, -5.0, -40.0]),
     ] {
-        assert!((tip(step) - Point3::from(expected)).norm() < 1e-9, "{step}: {}", tip(step));
+        assert!(
+            (tip(step) - Point3::from(expected)).norm() < 1e-9,
+            "{step}: {}",
+            tip(step)
+        );
     }
     assert_eq!(scenario.instruments(100).guide, Some(Point3::new(0.0, 0.0, -50.0)));
     assert_eq!(scenario.instruments(550).guide, None, "between two holes");
     let (_, summary) = heard(&scenario, Asked::default());
-    let seeds: Vec<_> = summary.seeds.iter().map(|seed| (seed.time_s, seed.planned_mm)).collect();
+    let seeds: Vec<_> = summary
+        .seeds
+        .iter()
+        .map(|seed| (seed.time_s, seed.planned_mm))
+        .collect();
     assert_eq!(seeds.len(), 2);
-    assert!((seeds[0].0 - 3.0).abs() < 1e-9 && (seeds[1].0 - 4.0).abs() < 1e-9, "{seeds:?}");
+    assert!(
+        (seeds[0].0 - 3.0).abs() < 1e-9 && (seeds[1].0 - 4.0).abs() < 1e-9,
+        "{seeds:?}"
+    );
     assert_eq!(seeds[0].1, Some([0.0, 0.0, -30.0]));
     for seed in &summary.seeds {
         // The model leaves them 0.5 mm beside the tip.
@@ -314,7 +356,10 @@ within_mm = 3
     }
     let thinned = text.replace("nodes = 250", "nodes = 1500") + "thinning = 3\n";
     let thinned = resolved(&thinned).expect("a scenario").contact.expect("a probe");
-    assert_eq!(thinned.probe.candidates.len(), contact.probe.candidates.len().div_ceil(3));
+    assert_eq!(
+        thinned.probe.candidates.len(),
+        contact.probe.candidates.len().div_ceil(3)
+    );
     let instruments = scenario.instruments(1);
     let probe = instruments.probe.expect("a probe");
     assert!((probe * Point3::origin() - Point3::new(0.0, 26.0, 50.0)).norm() < 1e-9);
@@ -327,12 +372,27 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ("version = 1", "version = 2", 1, "expected `version = 1`"),
         ("dt_ms = 10", "dt_ms = 0", 3, "0.01 to 100 ms"),
         ("dt_ms = 10", "dt_s = 10", 3, "unknown key `dt_s`"),
-        ("phantom = \"two-layer\"", "phantom = \"two\"", 5, "unknown variant `two`"),
+        (
+            "phantom = \"two-layer\"",
+            "phantom = \"two\"",
+            5,
+            "unknown variant `two`",
+        ),
         ("resolution_mm = 5", "resolution_mm = 99", 6, "expected 0.3 to 5 mm"),
         ("nodes = 250", "nodes = 2", 11, "8 to 1000000"),
         ("nodes = 250", "nodes = 250\nlevel = \"V\"", 12, "unknown variant `V`"),
-        ("nodes = 250", "level = \"IV\"\ncolumns = \"on-demand\"", 12, "keeps a dense inverse"),
-        ("nodes = 250", "model = \"mass-spring\"\nlevel = \"I\"", 12, "mass-spring"),
+        (
+            "nodes = 250",
+            "level = \"IV\"\ncolumns = \"on-demand\"",
+            12,
+            "keeps a dense inverse",
+        ),
+        (
+            "nodes = 250",
+            "model = \"mass-spring\"\nlevel = \"I\"",
+            12,
+            "mass-spring",
+        ),
         ("40], [inf", "400], [inf", 13, "no node in this box"),
         ("\"phantom_inclusion\"", "\"phantom_inclusio\"", 15, "no label here"),
         ("friction_n_per_mm = 0.25", "friction_n_per_mm = -1", 16, "0 or more"),
@@ -341,7 +401,12 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         ("length_mm = 100", "kappa_nmm_per_deg = 3", 18, "springs"),
         ("deposit_s = [1.0]", "deposit_s = [9.0]", 19, "within the run"),
         ("time_s = 2", "time_s = 0", 25, "more than 0"),
-        ("direction = [0, 0, 1]\nroll", "direction = [0, 0, 0]\nroll", 27, "not all zero"),
+        (
+            "direction = [0, 0, 1]\nroll",
+            "direction = [0, 0, 0]\nroll",
+            27,
+            "not all zero",
+        ),
         ("roll_deg = 90", "roll_deg = nan", 28, "finite number of degrees"),
     ];
     for (from, to, line, words) in cases {

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
+use super::cylinder::CylinderSpec;
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -36,6 +37,8 @@ pub struct TissueSpec {
     pub precision: Option<PrecisionName>,
     /// Where the compliance comes from. Default `on-demand` for the exact level, `dense` for all others.
     pub columns: Option<ColumnsName>,
+    /// The cylinder of a mass-spring model.
+    pub cylinder: Option<CylinderSpec>,
     /// What regions are made of, where they differ from the scene's tissues.
     pub material: Vec<MaterialSpec>,
     /// Nodes that do not move.

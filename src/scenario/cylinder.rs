@@ -1,0 +1,156 @@
+//! Masses and springs: the cylinder of tissue, and what lies where before there is one.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::tissue::TissueModel;
+use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
+use crate::mechanics::insertion::{Interaction, Model, Snapshot, Tissue};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::needle::{Rigid, Shaft};
+use crate::tracking::trajectory::Trajectory;
+use crate::volume::LabelVolume;
+
+/// How much longer than the way of the tip the cylinder is where a scenario states no length: its far end is fixed.
+const BEYOND: f64 = 1.25;
+
+/// The cylinder of masses and springs around the path of the needle (training system paper, section 2.2). Its side and its far end
+/// are fixed; tissue in it is one material throughout.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CylinderSpec {
+    /// Young's modulus, kPa (above 0). Default 10.
+    pub young_kpa: Option<f64>,
+    /// Density, kg/m^3 (above 0). Default 1000.
+    pub density_kg_per_m3: Option<f64>,
+    /// Rate at which a node that nothing drives loses its velocity, 1/s (0 or more). Default 200.
+    pub damping_per_s: Option<f64>,
+    /// Damping of each spring over its stiffness, s (0 or more). Default 1e-4.
+    pub spring_damping_s: Option<f64>,
+    /// Radius, mm (above 0). Default 25.
+    pub radius_mm: Option<f64>,
+    /// Length below the skin, mm (above 0). Default: a quarter more than the way of the tip.
+    pub length_mm: Option<f64>,
+    /// Rings of nodes around the axis (1 to 64). Default 5.
+    pub rings: Option<u32>,
+    /// Nodes of the first ring (3 to 12). Default 6.
+    pub sectors: Option<u32>,
+    /// Layers of elements along the axis (2 to 1000). Default: so many that they are as thick as rings are wide.
+    pub layers: Option<u32>,
+    /// The tip node is penetrated when the far face is nearer than this share of its circumference (0.005 to 0.2). Default 0.05.
+    pub lambda: Option<f64>,
+    /// Parts that a step is cut into at most (1 to 4096). Default 100.
+    pub most_substeps: Option<u32>,
+}
+
+/// What lies where in a volume, and what it does to a needle.
+#[derive(Clone, Debug)]
+pub(super) struct Labels {
+    pub volume: Arc<LabelVolume>,
+    pub interactions: BTreeMap<i32, Interaction>,
+}
+
+impl Anatomy for Labels {
+    fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
+        let label = self.volume.label_index_at(point_mm)?;
+        let region = i32::try_from(self.volume.labels()[usize::from(label)].value).ok()?;
+        self.interactions.contains_key(&region).then_some(region)
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.interactions.get(&region).copied().unwrap_or_default()
+    }
+}
+
+impl ScenarioFile {
+    /// The numbers of the cylinder, if tissue is one.
+    pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, ScenarioError> {
+        let spec = &self.tissue;
+        if spec.model != TissueModel::MassSpring {
+            return match spec.cylinder {
+                None => Ok(None),
+                Some(_) => {
+                    let found = "`cylinder` of a finite element model";
+                    Err(self.wrong_keys("tissue.cylinder", found, "`model = \"mass-spring\"`"))
+                }
+            };
+        }
+        let of_elements = [
+            ("level", spec.level.is_some()),
+            ("precision", spec.precision.is_some()),
+            ("columns", spec.columns.is_some()),
+            ("mesh", spec.mesh.is_some()),
+            ("region_array", spec.region_array.is_some()),
+            ("nodes", spec.nodes.is_some()),
+            ("box_mm", spec.box_mm.is_some()),
+            ("fix", !spec.fix.is_empty()),
+        ];
+        if let Some((key, _)) = of_elements.iter().find(|(_, given)| *given) {
+            let found = format!("`{key}` of a mass-spring model");
+            return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
+        }
+        if self.contact_probe.is_some() {
+            let found = "a probe in contact with a mass-spring model, which has no part for it";
+            return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
+        }
+        let parameters = parameters(&spec.cylinder.unwrap_or_default(), path);
+        parameters.check().map_err(|error| self.spring_fault(error))?;
+        Ok(Some(parameters))
+    }
+
+    pub(super) fn spring_fault(&self, error: crate::mechanics::insertion::spring::InvalidParameters) -> ScenarioError {
+        use crate::mechanics::insertion::spring::InvalidParameters::Number;
+        let key = match &error {
+            Number { key, .. } => format!("tissue.cylinder.{key}"),
+            _ => "tissue.cylinder".to_owned(),
+        };
+        self.fault(key, Wrong::Springs(error))
+    }
+
+    /// The mesh of the cylinder. Where it lies follows when the needle goes in.
+    pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, ScenarioError> {
+        let needle =
+            Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", Wrong::NeedleModel(error)))?;
+        let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
+            .map_err(|error| self.spring_fault(error))?;
+        let (mut snapshot, mut tissue, mut imager) = (Snapshot::default(), Tissue::default(), model.imager());
+        model.snapshot(&mut snapshot);
+        imager.tissue(&snapshot, &mut tissue);
+        let elements = imager.elements().to_vec();
+        let regions = vec![0; elements.len()];
+        TetMesh::new(tissue.reference, elements, regions)
+            .map_err(|error| self.fault("tissue.cylinder", Wrong::Mesh(error)))
+    }
+}
+
+fn parameters(spec: &CylinderSpec, path: &Trajectory) -> Parameters {
+    let usual = Parameters::default();
+    let keys = path.keys();
+    let way = keys
+        .iter()
+        .map(|key| (key.pose.position_mm() - keys[0].pose.position_mm()).norm());
+    let way = way.fold(0.0, f64::max);
+    let length_mm = spec.length_mm.unwrap_or((BEYOND * way).max(1.0));
+    let radius_mm = spec.radius_mm.unwrap_or(usual.radius_mm);
+    let rings = spec.rings.map_or(usual.rings, |rings| rings as usize);
+    let layers = (length_mm * rings as f64 / radius_mm).round().clamp(2.0, 1000.0) as usize;
+    Parameters {
+        young_kpa: spec.young_kpa.unwrap_or(usual.young_kpa),
+        density_kg_per_m3: spec.density_kg_per_m3.unwrap_or(usual.density_kg_per_m3),
+        damping_per_s: spec.damping_per_s.unwrap_or(usual.damping_per_s),
+        spring_damping_s: spec.spring_damping_s.unwrap_or(usual.spring_damping_s),
+        radius_mm,
+        length_mm,
+        rings,
+        sectors: spec.sectors.map_or(usual.sectors, |sectors| sectors as usize),
+        layers: spec.layers.map_or(layers, |layers| layers as usize),
+        lambda: spec.lambda.unwrap_or(usual.lambda),
+        most_substeps: spec.most_substeps.map_or(usual.most_substeps, |most| most as usize),
+    }
+}
