@@ -6,6 +6,8 @@ mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
+mod insert;
+mod insert_ready;
 mod mesh_make;
 mod meshes;
 mod reports;

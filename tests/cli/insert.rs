@@ -1,0 +1,198 @@
+//! `insonify insert`: what it prints and writes, and that whatever is wrong with a scenario ends with status 2, the line, and
+//! nothing written.
+
+use std::fs;
+
+use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use serde_json::Value;
+
+use crate::support::{Bench, grey};
+
+/// A coarse block, held at its far side, with a needle that goes in 25 mm along z in 0.5 s.
+const BLOCK: &str = r#"version = 1
+[run]
+dt_ms = 5
+frame_rate_hz = 20
+[scene.volume]
+phantom = "two-layer"
+resolution_mm = 5
+[scene.probe]
+kind = "linear"
+width_mm = 38
+depth_mm = 60
+lines = 24
+samples = 48
+[scene.image]
+width = 24
+height = 16
+[tissue]
+nodes = 300
+[[tissue.fix]]
+box_mm = [[-inf, -inf, 40], [inf, inf, inf]]
+[needle]
+length_mm = 100
+[[needle.motion.keyframes]]
+time_s = 0
+tip_mm = [3, 2, -47]
+direction = [0, 0, 1]
+[[needle.motion.keyframes]]
+time_s = 0.5
+tip_mm = [3, 2, -20]
+direction = [0, 0, 1]
+"#;
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("block.toml", BLOCK);
+    bench
+}
+
+/// The table without the last column, which holds milliseconds.
+fn table(bench: &Bench, folder: &str) -> Vec<String> {
+    let text = fs::read_to_string(bench.path(folder).join("steps.csv")).expect("a table");
+    let cut = |line: &str| line.rsplit_once(',').expect("columns").0.to_owned();
+    text.lines().map(cut).collect()
+}
+
+#[test]
+fn a_run_leaves_steps_plots_page_and_summary() {
+    let bench = bench();
+    let summary = bench.run("insert block.toml -o out --json --quiet").json();
+    assert_eq!(bench.files("out"), ["index.html", "plots", "steps.csv", "summary.json"]);
+    assert_eq!(summary["steps"], 100);
+    assert!(summary["max_base_force_n"].as_f64().expect("a force") > 0.0);
+    assert!(summary["remeshes"].as_u64().expect("a count") > 0);
+    for key in ["median", "p95", "p99", "max", "remesh_max"] {
+        assert!(summary["step_ms"][key].as_f64().expect(key) > 0.0, "{key}");
+    }
+    let events = summary["events"].as_array().expect("a list");
+    let kinds: Vec<_> = events
+        .iter()
+        .map(|event| event["kind"].as_str().expect("a word"))
+        .collect();
+    assert_eq!(kinds[0], "skin", "{kinds:?}");
+    let written = fs::read_to_string(bench.path("out/summary.json")).expect("a file");
+    assert_eq!(serde_json::from_str::<Value>(&written).expect("JSON"), summary);
+
+    let table = table(&bench, "out");
+    assert_eq!(table.len(), 101);
+    let columns = table[0].split(',').count();
+    assert!(
+        table.iter().all(|line| line.split(',').count() == columns),
+        "{}",
+        table[0]
+    );
+    let of = |name: &str| table[0].split(',').position(|column| column == name).expect(name);
+    let last: Vec<f64> = table[100]
+        .split(',')
+        .map(|cell| cell.parse().expect("a number"))
+        .collect();
+    assert!((last[of("time_s")] - 0.5).abs() < 1e-12);
+    assert!((last[of("base_z_mm")] + 120.0).abs() < 1e-9 && last[of("base_dz")] == 1.0);
+    // The base frame looks along z as the world does here, so that the axial force is the same in both.
+    assert!((last[of("base_force_z_n")] - last[of("world_force_z_n")]).abs() < 1e-12);
+    assert!(last[of("base_force_z_n")] < 0.0, "tissue pushes the hand back");
+
+    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    assert_eq!(page.matches("<svg").count(), 3);
+    for outside in ["src=", "href=", "@import", "url("] {
+        assert!(!page.contains(outside), "{outside}: the page asks for nothing else");
+    }
+    assert_eq!(bench.files("out/plots").len(), 6);
+}
+
+#[test]
+fn the_same_scenario_makes_the_same_steps() {
+    let bench = bench();
+    bench.run("insert block.toml -o a -q").text();
+    bench.run("insert block.toml -o b -q").text();
+    assert_eq!(table(&bench, "a"), table(&bench, "b"));
+}
+
+#[test]
+fn frames_and_meshes_follow_on_request() {
+    let bench = bench();
+    bench
+        .run("insert block.toml -o out --frames --vtu 100 --backend cpu -q")
+        .text();
+    assert_eq!(bench.files("out/frames").len(), 11);
+    let (size, pixels) = grey(&bench.path("out/frames/frame_0010.png"));
+    assert_eq!(size, (24, 16));
+    assert!(pixels.iter().any(|grey| *grey > 0));
+    let meshes = bench.files("out/mesh");
+    assert_eq!((meshes.len(), meshes[0].as_str()), (7, "mesh.pvd"));
+    let last = read_mesh(&bench.path("out/mesh/mesh_0005.vtu"), &ReadOptions::default()).expect("a mesh");
+    let moved = last.displacements.expect("displacements");
+    assert!(
+        moved.iter().flatten().any(|x| x.abs() > 0.01),
+        "the needle drags tissue along"
+    );
+
+    // A later run takes the place of an earlier one, and leaves what it does not write.
+    bench.write("out/mine.txt", "mine");
+    bench
+        .run("insert block.toml -o out --frames=mha --backend cpu -q")
+        .text();
+    let left = [
+        "frames",
+        "frames.mha",
+        "index.html",
+        "mesh",
+        "mine.txt",
+        "plots",
+        "steps.csv",
+        "summary.json",
+    ];
+    assert_eq!(bench.files("out"), left);
+}
+
+#[test]
+fn bad_scenarios_end_with_their_line_and_leave_nothing() {
+    let bench = bench();
+    for (from, to, words) in [
+        ("dt_ms = 5", "dt_ms = 500", &["block.toml:3", "0.01 to 100 ms"][..]),
+        ("nodes = 300", "nods = 300", &["block.toml:18", "did you mean `nodes`?"]),
+        (
+            "tip_mm = [3, 2, -20]",
+            "tip = 3",
+            &["block.toml:29", "unknown key `tip`"],
+        ),
+        (
+            "depth_mm = 60",
+            "depth_mm = -60",
+            &["block.toml:11", "probe key `depth_mm`"],
+        ),
+        (
+            "[[tissue.fix]]\nbox_mm = [[-inf, -inf, 40], [inf, inf, inf]]",
+            "",
+            &["rigid motion free", "[[tissue.fix]]"],
+        ),
+    ] {
+        let text = BLOCK.replacen(from, to, 1);
+        assert_ne!(text, BLOCK, "{from}");
+        bench.write("block.toml", &text);
+        bench.run("insert block.toml -o out --backend cpu").fails(2, words);
+        assert!(!bench.path("out").exists(), "{to}");
+    }
+    bench
+        .run("insert nowhere -o out")
+        .fails(2, &["neither a file nor a scenario"]);
+    bench.run("insert nowhere.toml -o out").fails(2, &["nowhere.toml"]);
+    bench.run("insert scene.toml").fails(2, &["--output"]);
+    bench.run("insert block.toml -o scene.toml").fails(2, &["is no folder"]);
+    bench
+        .run("insert block.toml -o out --vtu 0")
+        .fails(2, &["milliseconds"]);
+}
+
+#[test]
+fn scenarios_that_come_with_the_program_are_printed_and_described() {
+    let bench = Bench::new();
+    for (name, text) in insonify::scenario::EXAMPLES {
+        assert_eq!(bench.run(&format!("insert --example {name}")).text(), *text);
+    }
+    let schema = bench.run("schema insert").json();
+    for key in ["version", "scene", "run", "tissue", "needle", "contact_probe", "plan"] {
+        assert!(schema["properties"][key]["description"].is_string(), "{key}");
+    }
+}
