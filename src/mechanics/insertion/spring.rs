@@ -225,13 +225,15 @@ impl Model for MassSpring {
         self.outcome.converged = enough;
         self.outcome.events.clear();
         let h = (dt_s / parts as f64).min(self.network.limit_s);
+        let mut before = from;
         for part in 1..=parts {
             let share = part as f64 / parts as f64;
             let hand = match part == parts || from == to {
                 true => to,
                 false => from.try_lerp_slerp(&to, share, f64::EPSILON).unwrap_or(to),
             };
-            self.part(&hand, h);
+            self.part(&before, &hand, h);
+            before = hand;
         }
         self.body.base = Some(to);
         if !enough {

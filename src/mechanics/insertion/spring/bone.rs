@@ -3,7 +3,6 @@
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use crate::mechanics::insertion::Bone;
-use crate::mechanics::needle::Load;
 
 /// Bone that the tip has met.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,13 +31,10 @@ impl Hold {
         Translation3::from(self.direction.into_inner() * -too_deep) * base
     }
 
-    /// The penalty.
-    pub fn load(&self, base: &Isometry3<f64>, length_mm: f64) -> Load {
+    /// The penalty, at the tip, N.
+    pub fn force(&self, base: &Isometry3<f64>, length_mm: f64) -> Vector3<f64> {
         let depth = self.depth(base, length_mm).clamp(0.0, self.bone.penetration_mm);
-        Load {
-            arc_mm: length_mm,
-            force_n: self.direction.into_inner() * (-self.bone.stiffness_n_per_mm * depth),
-        }
+        self.direction.into_inner() * (-self.bone.stiffness_n_per_mm * depth)
     }
 }
 

@@ -6,6 +6,9 @@
 //! back by what friction can. This is Coulomb's law at the end of the step, within its bound by construction and never a
 //! source of energy, however long the step.
 //!
+//! A needle is bent by what is across it: what a force along the shaft does once the shaft is bent (a column under load) is left
+//! out, since a long needle that hardly anything held aside would give way to less than it takes to push it in.
+//!
 //! Across a needle that bends, the forces f on it and the deflections that they cause fit at the end of the step: with r by
 //! how much the nodes would miss the shaft under the forces of before, C the needle's flexibility and D the diagonal of
 //! h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way round.
@@ -33,6 +36,8 @@ pub(super) struct Contact {
     pub region: Option<i32>,
     /// What it does to the needle, N.
     pub force: Vector3<f64>,
+    /// What of that is across the shaft.
+    pub side: Vector3<f64>,
 }
 
 /// How the needle moves, and what it may do to the last node.
@@ -81,11 +86,12 @@ impl Contacts {
         self.before.extend(displacements);
     }
 
-    /// Writes what the nodes do to the needle.
+    /// Writes what bends the needle.
     pub fn loads(&self, into: &mut Vec<Load>) {
+        into.clear();
         into.extend(self.stack.iter().map(|contact| Load {
             arc_mm: contact.arc,
-            force_n: contact.force,
+            force_n: contact.side,
         }));
     }
 
@@ -157,7 +163,9 @@ impl Contacts {
         for (place, contact) in self.stack.iter_mut().enumerate() {
             let node = contact.node as usize;
             let back = self.misses[place];
+            let tangent = &self.tangents[place];
             contact.force = back / network.reach(contact.node, h);
+            contact.side = contact.force - tangent.into_inner() * tangent.dot(&contact.force);
             network.displacement[node] -= back;
             network.velocity[node] = (network.displacement[node] - self.before[place]) / h;
         }
@@ -186,7 +194,7 @@ impl Contacts {
             let yielding = network.reach(contact.node, h);
             let mut right = self.misses[row / 2].dot(&self.rows[row].direction);
             for column in 0..count {
-                let before = self.stack[column / 2].force.dot(&self.rows[column].direction);
+                let before = self.stack[column / 2].side.dot(&self.rows[column].direction);
                 right += self.flexibility[(row, column)] * before;
             }
             self.across.push(right);

@@ -99,6 +99,7 @@ impl MassSpring {
             stuck: true,
             region,
             force: Vector3::zeros(),
+            side: Vector3::zeros(),
         });
     }
 
@@ -128,19 +129,18 @@ impl MassSpring {
         }
         let length = self.body.line.length_mm();
         let nodes = self.network.elements[element as usize];
-        let at_tip = self
-            .contacts
-            .stack
-            .last()
-            .filter(|last| last.arc >= length - SAME_ARC_MM);
-        let tip_node = at_tip.and_then(|last| nodes.iter().position(|&node| node == last.node));
-        let Some(far) = FarFace::of(&corners, &point, &direction, tip_node) else {
+        // Where the last node has slid back from the tip, the face opposite it is still the far one: the needle may well run
+        // along others.
+        let last = self.contacts.stack.last();
+        let at_tip = last.is_some_and(|last| last.arc >= length - SAME_ARC_MM);
+        let opposite = last.and_then(|last| nodes.iter().position(|&node| node == last.node));
+        let Some(far) = FarFace::of(&corners, &point, &direction, opposite) else {
             return;
         };
         if !far.is_met(self.parameters.lambda) {
             return;
         }
-        if tip_node.is_some() && self.body.tip_node == TipNode::Held {
+        if at_tip && self.body.tip_node == TipNode::Held {
             // Penetrated. The tissue gets this part of the step to draw the node back along the shaft before the next is taken.
             self.body.tip_node = TipNode::Penetrated;
             self.broken();
@@ -155,7 +155,7 @@ impl MassSpring {
                 return;
             }
         }
-        if tip_node.is_none() {
+        if !at_tip {
             self.refuse();
         }
     }

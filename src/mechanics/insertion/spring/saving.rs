@@ -37,6 +37,7 @@ impl MassSpring {
             to.flag(contact.stuck);
             to.region(contact.region);
             to.vector(&contact.force);
+            to.vector(&contact.side);
         });
         words.pose(&self.frame);
         let moved: Vec<usize> = (0..self.network.home.len())
@@ -80,6 +81,7 @@ impl MassSpring {
                 stuck: from.flag()?,
                 region: from.region()?,
                 force: from.vector()?,
+                side: from.vector()?,
             })
         })?;
         let frame = from.pose()?;

@@ -22,19 +22,18 @@ pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interac
 }
 
 impl MassSpring {
-    /// Moves the needle's base on to `hand` and the tissue on by `h`.
-    pub(super) fn part(&mut self, hand: &Isometry3<f64>, h: f64) {
+    /// Moves the needle's base from `hand_before` on to `hand` and the tissue on by `h`.
+    pub(super) fn part(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>, h: f64) {
         if self.body.awake {
             self.contacts.remember(&self.network);
             self.network.find_forces();
             self.network.advance(h);
         }
-        let before = self.place_needle(hand);
+        let before = self.tip();
+        let travel = self.place_needle(hand_before, hand);
         if self.body.entry.is_none() {
             self.seek_entry(&before);
         }
-        let tip = self.tip();
-        let travel = (tip.point_mm - before.point_mm).dot(&tip.tangent);
         if self.body.entry.is_some() {
             self.hold_nodes(travel, h);
             self.draw_back(travel);
@@ -49,23 +48,18 @@ impl MassSpring {
         self.body.line.at(self.body.line.length_mm())
     }
 
-    /// Puts the needle where hand, bone and the forces of before have it. Returns where its tip was.
-    fn place_needle(&mut self, hand: &Isometry3<f64>) -> ShaftPoint {
-        let before = self.tip();
+    /// Puts the needle where hand, bone and the forces of before have it. Returns how far it has been pushed along its base.
+    fn place_needle(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>) -> f64 {
         let length = self.needle.length_mm();
         self.body.hold = self.body.hold.filter(|hold| !hold.is_left(hand, length));
-        self.loads.clear();
+        let hold = self.body.hold;
+        let held = |hand: &Isometry3<f64>| hold.map_or(*hand, |hold| hold.hold_back(hand, length));
+        let base = held(hand);
         self.contacts.loads(&mut self.loads);
-        let base = match &self.body.hold {
-            Some(hold) => {
-                self.loads.push(hold.load(hand, length));
-                hold.hold_back(hand, length)
-            }
-            None => *hand,
-        };
         let (entry, line) = (self.body.entry.as_ref(), &mut self.body.line);
         self.needle.place(&base, entry, &self.loads, line);
-        before
+        let moved = base.translation.vector - held(hand_before).translation.vector;
+        moved.dot(&(base * Vector3::z()))
     }
 
     /// Brings the nodes of the stack back to the shaft.
@@ -150,7 +144,7 @@ impl MassSpring {
             self.outcome.on_hand.add(contact.force, &at, &about);
         }
         if let Some(hold) = &self.body.hold {
-            let force = hold.load(hand, self.needle.length_mm()).force_n;
+            let force = hold.force(hand, self.needle.length_mm());
             self.outcome.on_hand.add(force, &self.body.line.tip(), &about);
         }
     }

@@ -32,6 +32,57 @@ impl Needle for Stiff {
     fn flexibility(&mut self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
 }
 
+/// A needle that bends as a clamped beam does, a little: deflections of its straight line, by the closed form.
+#[derive(Debug)]
+pub struct Beam {
+    pub length_mm: f64,
+    /// N mm^2.
+    pub ei: f64,
+}
+
+impl Beam {
+    /// The deflection at arc `at` under a unit force at arc `of`, mm/N.
+    fn yielding(&self, at: f64, of: f64) -> f64 {
+        let (near, far) = (at.min(of), at.max(of));
+        near * near * (3.0 * far - near) / (6.0 * self.ei)
+    }
+}
+
+impl Needle for Beam {
+    fn length_mm(&self) -> f64 {
+        self.length_mm
+    }
+
+    fn radius_mm(&self) -> f64 {
+        0.64
+    }
+
+    fn is_flexible(&self) -> bool {
+        true
+    }
+
+    fn place(&self, base: &Isometry3<f64>, _: Option<&Entry>, loads: &[Load], line: &mut CentreLine) {
+        let along = base * nalgebra::Vector3::z();
+        line.set((0..=30).map(|node| {
+            let arc = self.length_mm * node as f64 / 30.0;
+            let mut point = base * Point3::new(0.0, 0.0, arc);
+            for load in loads {
+                let across = load.force_n - along * along.dot(&load.force_n);
+                point += across * self.yielding(arc, load.arc_mm);
+            }
+            (arc, point)
+        }));
+    }
+
+    fn flexibility(&self, _: &CentreLine, rows: &[Row], out: &mut Mat<f64>) {
+        for (i, a) in rows.iter().enumerate() {
+            for (j, b) in rows.iter().enumerate() {
+                out[(i, j)] += a.direction.dot(&b.direction) * self.yielding(a.arc_mm, b.arc_mm);
+            }
+        }
+    }
+}
+
 /// A body below z = 0 in layers: region i from `at[i]` (mm) on.
 #[derive(Clone, Debug)]
 pub struct Layers {

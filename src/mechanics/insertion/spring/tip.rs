@@ -21,8 +21,8 @@ pub(super) struct FarFace {
 }
 
 impl FarFace {
-    /// The far face for a tip that goes along `direction` (of unit length). `tip_node` is the corner that is at the tip, if
-    /// one is: its opposite is the far face. None for a flat element, or if the needle goes away from that face.
+    /// The far face for a tip that goes along `direction` (of unit length). `tip_node` is the corner that is the last node of
+    /// the shaft, if one is: its opposite is the far face. None for a flat element, or if the needle goes away from that face.
     pub fn of(
         corners: &[Vector3<f64>; 4],
         tip: &Vector3<f64>,

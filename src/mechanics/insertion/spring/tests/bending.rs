@@ -1,0 +1,107 @@
+//! Needles that bend.
+
+use nalgebra::Vector3;
+
+use super::super::testing::*;
+use super::super::*;
+
+/// A thousand times softer than usual a needle cannot be pushed against friction: tissue then has none.
+fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
+    let parameters = Parameters { young_kpa, ..coarse() };
+    let needle = Box::new(Beam { length_mm: 150.0, ei });
+    let tissue = if ei < 100.0 { Interaction::default() } else { soft() };
+    MassSpring::new(parameters, Box::new(Layers::one(tissue)), needle).unwrap()
+}
+
+/// How far the nodes are off the shaft, mm.
+fn gap(it: &MassSpring) -> f64 {
+    let off = it.contacts.stack.iter().map(|contact| {
+        let on_shaft = it.body.line.at(contact.arc);
+        let miss = it.network.now(contact.node) - on_shaft.point_mm.coords;
+        (miss - on_shaft.tangent.into_inner() * on_shaft.tangent.dot(&miss)).norm()
+    });
+    off.fold(0.0, f64::max)
+}
+
+/// Inserted 50 mm and moved 3 mm aside at the base: needle and tissue come to rest together, where the needle bends just so
+/// that tissue gives the forces that bend it. A needle stiff as against tissue takes tissue along, a soft one stays.
+#[test]
+fn needle_and_tissue_find_each_other() {
+    let mut tips = Vec::new();
+    for (young_kpa, ei) in [(10.0, 6e3), (10.0, 6e6), (10.0, 6.0), (0.1, 6e3), (1e3, 6e3)] {
+        let mut it = with_beam(young_kpa, ei);
+        drive(&mut it, [-2.0, 50.0], 100.0, 1e-3, |_| {});
+        let before = it.outcome.tip_mm;
+        for step in 1..=100 {
+            it.step(&tip_at(0.3 + 0.03 * step as f64, 0.2, 50.0), 1e-3).unwrap();
+            assert!(it.outcome.on_hand.force_n.norm() < 30.0, "{young_kpa} {ei} {step}");
+        }
+        // The softest tissue takes a second to lose a third of what is left.
+        for _ in 0..60 {
+            it.step(&tip_at(3.3, 0.2, 50.0), 0.4).unwrap();
+        }
+        let (force, line) = (it.outcome.on_hand.force_n, it.body.line.clone());
+        it.step(&tip_at(3.3, 0.2, 50.0), 0.05).unwrap();
+        assert!(
+            (it.outcome.on_hand.force_n - force).norm() < 1e-6 * force.norm() + 1e-9,
+            "{young_kpa} {ei}"
+        );
+        assert!(line.distance(&it.body.line) < 1e-6, "{young_kpa} {ei}");
+        // The polyline of the needle has chords of 5 mm.
+        assert!(gap(&it) < 0.02, "{young_kpa} {ei} {}", gap(&it));
+        tips.push(it.outcome.tip_mm.x - before.x);
+    }
+    let [usual, stiff, soft, in_soft, in_stiff] = tips[..] else {
+        panic!()
+    };
+    // 1.5 N of tissue bend the stiff one by 0.3 mm.
+    assert!((stiff - 3.0).abs() < 0.5, "{tips:?}");
+    assert!(soft.abs() < 0.01 && in_stiff.abs() < 0.01, "{tips:?}");
+    assert!(usual < in_soft && in_soft < stiff, "{tips:?}");
+}
+
+/// The static shape by other means: with the displacement of the tissue at the nodes taken as it is, the force on each node
+/// found from springs alone bends the beam to where the nodes are.
+#[test]
+fn forces_of_springs_bend_the_needle() {
+    let mut it = with_beam(10.0, 6e3);
+    drive(&mut it, [-2.0, 50.0], 100.0, 1e-3, |_| {});
+    for _ in 0..40 {
+        it.step(&tip_at(3.3, 0.2, 50.0), 0.1).unwrap();
+    }
+    it.network.find_forces();
+    for contact in &it.contacts.stack {
+        let mut at = Vector3::new(3.3, 0.2, 0.0);
+        for other in &it.contacts.stack {
+            let tangent = it.body.line.at(other.arc).tangent;
+            let force = it.network.force[other.node as usize];
+            // Across the shaft: what is along it does not bend.
+            let force = force - tangent.into_inner() * tangent.dot(&force);
+            let (near, far) = (contact.arc.min(other.arc), contact.arc.max(other.arc));
+            at += Vector3::new(force.x, force.y, 0.0) * (near * near * (3.0 * far - near) / (6.0 * 6e3));
+        }
+        let now = it.network.now(contact.node);
+        // Chords of 5 mm, and directions along the shaft that turn with it.
+        assert!((now - at).xy().norm() < 0.02, "{now} {at}");
+    }
+}
+
+/// A thousand times stiffer and softer needles in tissue of 0.1 kPa to 1 MPa, shaken at the base at every step: bounded.
+#[test]
+fn shaken_needles_do_not_run_away() {
+    for young_kpa in [0.1, 10.0, 1e3] {
+        for ei in [6.0, 6e3, 6e6] {
+            let mut it = with_beam(young_kpa, ei);
+            drive(&mut it, [-2.0, 40.0], 200.0, 1e-3, |_| {});
+            let mut halves = [0.0f64; 2];
+            for step in 0..200 {
+                let x = if step % 2 == 0 { 0.5 } else { 0.1 };
+                let force = it.step(&tip_at(x, 0.2, 40.0), 1e-3).unwrap().on_hand.force_n.norm();
+                assert!(force.is_finite());
+                halves[step / 100] = halves[step / 100].max(force);
+            }
+            // What is unstable grows by a factor in every part of a step.
+            assert!(halves[1] <= 1.5 * halves[0], "{young_kpa} {ei} {halves:?}");
+        }
+    }
+}

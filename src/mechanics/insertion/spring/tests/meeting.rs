@@ -1,0 +1,219 @@
+//! Skin, layers and bone.
+
+use nalgebra::Vector3;
+
+use super::super::testing::*;
+use super::super::*;
+use crate::mechanics::insertion::{Bone, Tissue};
+
+fn events(it: &mut MassSpring, way: [f64; 2], speed: f64) -> Vec<(EventKind, f64, Option<i32>)> {
+    let mut found = Vec::new();
+    drive(it, way, speed, 1e-3, |outcome| {
+        found.extend(
+            outcome
+                .events
+                .iter()
+                .map(|event| (event.kind, event.at_mm.z, event.region)),
+        );
+    });
+    found
+}
+
+/// The skin is pushed in until the force that breaks it is reached; then less is enough.
+#[test]
+fn the_skin_breaks_at_its_force() {
+    let skin = Interaction {
+        puncture_n: 0.2,
+        cutting_n: 0.1,
+        ..Interaction::default()
+    };
+    let mut it = model(Parameters::default(), Layers::one(skin));
+    let mut most = 0.0f64;
+    let mut broken = None;
+    drive(&mut it, [-1.0, 8.0], 10.0, 1e-3, |outcome| {
+        let force = -outcome.on_hand.force_n.z;
+        if outcome.events.iter().any(|event| event.kind == EventKind::Puncture) {
+            broken = Some((outcome.inserted_mm, force, outcome.tip_mm.z));
+        }
+        assert!(force <= if broken.is_none() { 0.2 } else { 0.2 + 1e-12 });
+        most = most.max(force);
+    });
+    let (inserted, force, depth) = broken.unwrap();
+    assert!(
+        inserted < 0.5 && force >= 0.1 && depth > 1.0 && most > 0.195,
+        "{broken:?} {most}"
+    );
+    assert!(-it.outcome.on_hand.force_n.z <= 0.1 + 1e-12);
+}
+
+/// Two layers: the border is met where it is in the reference state, and the friction of each counts where its nodes lie.
+#[test]
+fn layers_have_their_friction() {
+    let of = |friction_n_per_mm| Interaction {
+        friction_n_per_mm,
+        ..Interaction::default()
+    };
+    let layers = Layers {
+        at: vec![0.0, 25.0],
+        of: vec![of(0.002), of(0.02)],
+    };
+    let mut it = model(Parameters::default(), layers);
+    let found = events(&mut it, [-1.0, 60.0], 20.0);
+    let kinds: Vec<_> = found.iter().map(|event| (event.0, event.2)).collect();
+    assert_eq!(
+        kinds,
+        [
+            (EventKind::Skin, Some(0)),
+            (EventKind::Puncture, Some(0)),
+            (EventKind::Region, Some(1)),
+        ]
+    );
+    assert!(found[2].1 >= 25.0 && found[2].1 < 27.5, "{found:?}");
+    // Each node has the friction of the layer that it comes from, of the shaft up to the next.
+    let stack = &it.contacts.stack;
+    let arcs = stack.iter().map(|contact| contact.arc).skip(1).chain([150.0]);
+    let whole: f64 = stack
+        .iter()
+        .zip(arcs)
+        .map(|(contact, next)| {
+            let deep = it.network.reference[contact.node as usize].z >= 25.0;
+            (next - contact.arc) * if deep { 0.02 } else { 0.002 }
+        })
+        .sum();
+    let force = -it.outcome.on_hand.force_n.z;
+    assert!(
+        force <= whole + 1e-3 && force > 0.9 * whole && whole > 0.5,
+        "{force} {whole}"
+    );
+    // Drawn back the sign changes.
+    drive(&mut it, [60.0, 50.0], 20.0, 1e-3, |_| {});
+    assert!(it.outcome.on_hand.force_n.z > 0.4);
+}
+
+/// Bone at 1 and at 10 mm a step: the tip goes no deeper than it may, the force is the penalty, and all is as before when the
+/// needle has been drawn back.
+#[test]
+fn bone_stops_the_tip() {
+    let bone = Interaction {
+        bone: Some(Bone {
+            stiffness_n_per_mm: 4.0,
+            penetration_mm: 0.5,
+        }),
+        ..Interaction::default()
+    };
+    for speed in [20.0, 1e3, 1e4] {
+        let layers = Layers {
+            at: vec![0.0, 30.0],
+            of: vec![Interaction::default(), bone],
+        };
+        let mut it = model(coarse(), layers);
+        let found = events(&mut it, [-10.0, 50.0], speed);
+        let (kind, depth, region) = *found.last().unwrap();
+        assert_eq!((kind, region), (EventKind::Bone, Some(1)));
+        assert!((depth - 30.0).abs() < 1.0, "{depth}");
+        let tip = it.outcome.tip_mm.z;
+        assert!(
+            tip <= depth + 0.5 + 1e-9 && it.outcome.tip_deflection_mm > 18.0,
+            "{tip} {depth}"
+        );
+        assert!(
+            (it.outcome.on_hand.force_n.z + 2.0).abs() < 0.6,
+            "{}",
+            it.outcome.on_hand.force_n.z
+        );
+        (0..30).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, 50.0), 0.1).is_ok()));
+        assert!((it.outcome.on_hand.force_n.z + 2.0).abs() < 1e-9);
+        let found = events(&mut it, [50.0, 20.0], speed);
+        assert!(found.iter().all(|event| event.0 == EventKind::Region), "{found:?}");
+        assert!((it.outcome.tip_mm.z - 20.0).abs() < 1e-9);
+    }
+}
+
+/// A first pose in the body counts as pushed in along the needle.
+#[test]
+fn a_needle_may_begin_in_the_body() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    let outcome = it.step(&tip_at(0.3, 0.2, 40.0), 0.1).unwrap();
+    assert!(outcome.contacts > 4 && outcome.inserted_mm > 35.0);
+    assert_eq!(outcome.events[0].kind, EventKind::Skin);
+    assert!(outcome.events[0].at_mm.z.abs() < 1e-9);
+}
+
+/// Beyond the cylinder there is nothing to be moved to the tip: it is said once, and the needle goes on.
+#[test]
+fn out_of_the_far_end() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    let found = events(&mut it, [-1.0, 140.0], 100.0);
+    let last = found.last().unwrap();
+    assert_eq!(last.0, EventKind::NotRemeshed);
+    assert!(last.1 > 93.0 && found.len() == 3, "{found:?}");
+    assert!(it.outcome.inserted_mm > 130.0);
+    let found = events(&mut it, [140.0, -1.0], 100.0);
+    assert_eq!(found.iter().map(|event| event.0).collect::<Vec<_>>(), [EventKind::Out]);
+}
+
+/// Seeds stay in the reference state where they were left, and are where the tissue is.
+#[test]
+fn seeds_go_with_the_tissue() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    drive(&mut it, [-1.0, 40.0], 50.0, 1e-3, |_| {});
+    let mut instruments = tip_at(0.3, 0.2, 40.0);
+    instruments.deposit = true;
+    let outcome = it.step(&instruments, 1e-3).unwrap();
+    assert_eq!(outcome.events.last().map(|event| event.kind), Some(EventKind::Seed));
+    let mut snapshot = Snapshot::default();
+    it.snapshot(&mut snapshot);
+    let seed = snapshot.seeds[0];
+    // Tissue was pushed ahead of the tip: at rest the seed lies less deep.
+    assert!(seed.z < 39.9 && seed.z > 34.0, "{seed}");
+    drive(&mut it, [40.0, -1.0], 50.0, 1e-3, |_| {});
+    it.snapshot(&mut snapshot);
+    assert_eq!(snapshot.seeds, [seed]);
+}
+
+/// The image gets whole nodes; before the needle is in, they show the tissue as it is.
+#[test]
+fn the_image_gets_nodes() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    let mut imager = it.imager();
+    let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+    it.step(&tip_at(0.3, 0.2, -5.0), 1e-3).unwrap();
+    it.snapshot(&mut snapshot);
+    imager.tissue(&snapshot, &mut tissue);
+    assert_eq!(tissue.reference, tissue.current);
+    // Along the needle, from its tip.
+    assert!((Vector3::from(tissue.reference[0]) - Vector3::new(0.3, 0.2, -5.0)).norm() < 1e-9);
+    drive(&mut it, [-5.0, 40.0], 50.0, 1e-3, |_| {});
+    it.snapshot(&mut snapshot);
+    imager.tissue(&snapshot, &mut tissue);
+    let count = imager.elements().iter().flatten().max().map(|&most| most as usize + 1);
+    assert_eq!(Some(tissue.current.len()), count);
+    for (node, current) in tissue.current.iter().enumerate() {
+        assert_eq!(Vector3::from(*current), it.network.now(node as u32));
+        assert_eq!(Vector3::from(tissue.reference[node]), it.network.reference[node]);
+    }
+    // Skin at z = 0.
+    assert!((tissue.reference[1][2]).abs() < 1e-9);
+    assert_eq!((snapshot.step, snapshot.line.tip()), (901, it.outcome.tip_mm));
+}
+
+#[test]
+fn steps_that_cannot_be_made_are_refused() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    for dt_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(
+            it.step(&tip_at(0.0, 0.0, 0.0), dt_s),
+            Err(StepError::Input { .. })
+        ));
+    }
+    let nowhere = tip_at(f64::NAN, 0.0, 0.0);
+    assert!(matches!(it.step(&nowhere, 1e-3), Err(StepError::Input { .. })));
+    // Farther than can be resolved: said, not hidden.
+    it.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
+    let outcome = it.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
+    assert!(!outcome.converged && outcome.substeps == MOST_PARTS);
+    assert_eq!(
+        outcome.events.last().map(|event| event.kind),
+        Some(EventKind::NotConverged)
+    );
+}
