@@ -274,7 +274,7 @@ impl Model for MassSpring {
     }
 
     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
-        self.from_saved(saved)
+        self.take_saved(saved)
     }
 }
 

@@ -58,7 +58,7 @@ impl MassSpring {
         Saved(serde_json::json!({ "model": document.model, "words": document.words }))
     }
 
-    pub(super) fn from_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
+    pub(super) fn take_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
         let document: Document =
             serde::Deserialize::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;
         let own = self.model();
