@@ -82,30 +82,37 @@ fn needles_far_stiffer_and_softer_than_usual() {
     assert!(soft.norm() < 30.0, "{soft:?}");
 }
 
+/// The haptic simulator paper's experiment (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block of PVC
+/// through a template, and its tip comes out 10.4 mm aside, which r = 0.6 mm fits. The paper does not give the depth, the modulus or
+/// the length of the bevel's part: with 140 mm, 20 kPa and 0.49, a part of 18 mm makes r = 0.6 mm do that.
 #[test]
-#[ignore]
-fn explore_pvc() {
-    for (cell, cut, fric, b) in [(10.0, 0.5, 0.01, 5.0), (10.0, 0.5, 0.01, 10.0), (10.0, 0.5, 0.01, 15.0), (10.0, 0.5, 0.01, 20.0), (8.0, 0.5, 0.01, 15.0), (8.0, 0.5, 0.01, 20.0)] {
-        for r in [0.0, 0.4, 0.6, 0.8, 1.0] { if r != 0.6 { continue; }
-            let interaction = Interaction { puncture_n: 0.0, cutting_n: cut, friction_n_per_mm: fric, ..USUAL };
-            let mut setup = on_table(mirrored([80.0, 80.0, 160.0], cell), interaction);
-            setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
-            let bevel = Bevel { r_mm: r, length_mm: b };
-            let shaft = Shaft { length_mm: 200.0, ..Shaft::default() };
-            setup.needle = Box::new(Springs::new(shaft, Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
-            let mut finite = build(setup);
-            let mut uns = 0;
-            let mut line = String::new();
-            let t = std::time::Instant::now();
-            for step in 0..=280 {
-                let mut instruments = tip_at([40.0, 40.0, 0.5 * step as f64]);
-                instruments.base.translation.vector.z -= 50.0;
-                instruments.guide = Some(Point3::new(40.0, 40.0, -5.0));
-                let outcome = finite.step(&instruments, 1e-3).expect("a step");
-                uns += usize::from(!outcome.converged);
-                if step % 40 == 0 { line += &format!(" {:.2}", outcome.tip_mm.x - 40.0); }
-            }
-            println!("cell {cell} b {b} cut {cut} fric {fric} r {r}: {line} unsettled {uns} contacts {} force {:.2} y {:.2} {:.1}s", finite.outcome().contacts, finite.outcome().on_hand.force_n.z, finite.outcome().tip_mm.y - 40.0, t.elapsed().as_secs_f64());
+fn the_deflection_of_the_pvc_experiment() {
+    let deflection = |r_mm: f64, depth: f64| {
+        let interaction = Interaction {
+            puncture_n: 0.0,
+            friction_n_per_mm: 0.01,
+            ..USUAL
+        };
+        let mut setup = on_table(mirrored([80.0, 80.0, 160.0], 10.0), interaction);
+        setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
+        let shaft = Shaft::default();
+        let bevel = Bevel { r_mm, length_mm: 18.0 };
+        setup.needle = Box::new(Springs::new(shaft, Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
+        let mut finite = build(setup);
+        for step in 0..=(2.0 * depth) as usize {
+            let mut instruments = tip_at([40.0, 40.0, 0.5 * step as f64]);
+            instruments.base.translation.vector.z -= shaft.length_mm - LENGTH;
+            instruments.guide = Some(Point3::new(40.0, 40.0, -5.0));
+            let outcome = finite.step(&instruments, 1e-3).expect("a step");
+            assert!(outcome.converged, "r = {r_mm}: {outcome:?}");
         }
-    }
+        let tip = finite.outcome().tip_mm;
+        assert!((tip.y - 40.0).abs() < 0.05, "r = {r_mm}: {tip:?}");
+        tip.x - 40.0
+    };
+    assert!(deflection(0.0, 140.0).abs() < 0.05);
+    let sweep = [0.4, 0.6, 0.8].map(|r| deflection(r, 140.0));
+    assert!((sweep[1] - 10.4).abs() < 1.5, "{sweep:?}");
+    assert!(sweep[0] < 0.8 * sweep[1] && sweep[2] > 1.2 * sweep[1], "{sweep:?}");
+    assert!(deflection(0.6, 70.0) < 0.6 * sweep[1]);
 }

@@ -169,7 +169,8 @@ impl Finite {
         kept.line.clone_from(&self.line);
         kept.forces.clone_from(&self.forces);
         kept.contacts.clear();
-        kept.contacts.extend(self.contacts.iter().map(|contact| (contact.arc, contact.slider)));
+        kept.contacts
+            .extend(self.contacts.iter().map(|contact| (contact.arc, contact.slider)));
         kept.tip = self.tip.row.as_ref().map(|row| row.slider);
     }
 

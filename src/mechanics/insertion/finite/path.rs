@@ -109,8 +109,10 @@ impl Finite {
     /// Moves a corner to the tip.
     fn remesh(&mut self, place: &Place, region: i32) -> bool {
         let Some(node) = self.move_corner(place.element, self.tip.reference, |_| true) else {
-            self.tip.refused = Some(self.tip.reference);
-            self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
+            // Told once: further on a corner will fit.
+            if self.tip.refused.replace(self.tip.reference).is_none() {
+                self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
+            }
             return false;
         };
         let state = self.contacts.last().map_or(State::Stuck, |last| last.slider.state);
