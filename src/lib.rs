@@ -16,6 +16,7 @@
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
+//! | [`simulator`] | steps at the rate of the hand, images of them on another thread |
 //! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
 //! | [`scenario`] | needle insertions as a user writes them, and their run |
 //! | [`statics`] | static problems as a user writes them |
@@ -43,6 +44,7 @@ pub mod remesh_gpu;
 pub mod scenario;
 pub mod scene;
 mod simd;
+pub mod simulator;
 pub mod statics;
 pub mod study;
 pub mod synth;

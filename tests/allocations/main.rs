@@ -1,5 +1,6 @@
 //! In the steady state a frame allocates nothing.
 
+mod simulator;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -137,4 +138,15 @@ fn a_hundred_frames_allocate_nothing() {
         assert!(calls <= (FRAMES as u64 * 32).div_ceil(63), "{calls} allocations");
         assert!(held.abs() <= 4096, "{held} bytes more are held");
     }
+    let synthesizer = Synthesizer::new(anatomy, settings, Backend::Cpu).expect("a synthesizer");
+    let mut rounds = simulator::rounds(synthesizer, states[0].probe_to_world, FRAMES);
+    let (calls, held) = pool.install(|| {
+        rounds();
+        count(&mut rounds)
+    });
+    assert_eq!(
+        (calls, held),
+        (0, 0),
+        "calls and bytes in {FRAMES} frames of a simulator, ten steps each"
+    );
 }

@@ -1,0 +1,161 @@
+//! The part for the image thread.
+
+use std::mem;
+
+use nalgebra::Matrix4;
+
+use super::hand_over::Latest;
+use super::seeds::Seeds;
+use crate::mechanics::insertion::{Imager, Snapshot, Tissue};
+use crate::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
+
+/// Why a model cannot be imaged like this.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidImaging {
+    /// A diameter that no needle has.
+    #[error("`needle_diameter_mm` is {found}; expected a finite number above 0")]
+    Diameter {
+        /// As given.
+        found: f64,
+    },
+    /// A mesh of another size.
+    #[error("the imaged mesh has {found} elements; expected the {expected} of the tissue model")]
+    Elements {
+        /// Elements of the anatomy's mesh.
+        found: usize,
+        /// Elements of the model.
+        expected: usize,
+    },
+    /// A mesh of other elements.
+    #[error(
+        "element {element} of the imaged mesh has nodes {found:?}; expected those of the tissue model, {expected:?}"
+    )]
+    Element {
+        /// The first that differs, from 0.
+        element: usize,
+        /// Its nodes in the anatomy's mesh.
+        found: [u32; 4],
+        /// Its nodes in the model.
+        expected: [u32; 4],
+    },
+}
+
+/// Renders frames of the latest whole state.
+pub struct Imaging {
+    latest: Latest,
+    /// None if the image has no mesh: then nobody asks where its nodes are.
+    imager: Option<Box<dyn Imager>>,
+    synthesizer: Synthesizer,
+    tissue: Tissue,
+    state: FrameState,
+    needle_diameter_mm: f64,
+    seeds: Seeds,
+}
+
+impl Imaging {
+    pub(super) fn new(
+        synthesizer: Synthesizer,
+        imager: Box<dyn Imager>,
+        needle_diameter_mm: f64,
+        latest: Latest,
+    ) -> Result<Self, InvalidImaging> {
+        let found = needle_diameter_mm;
+        if !(found.is_finite() && found > 0.0) {
+            return Err(InvalidImaging::Diameter { found });
+        }
+        let mesh = synthesizer.tables().anatomy.mesh.as_ref();
+        if let Some(mesh) = mesh {
+            same_elements(mesh.elements(), imager.elements())?;
+        }
+        Ok(Self {
+            seeds: Seeds::new(mesh.cloned()),
+            imager: mesh.is_some().then_some(imager),
+            latest,
+            synthesizer,
+            tissue: Tissue::default(),
+            state: FrameState::at(Matrix4::identity()),
+            needle_diameter_mm,
+        })
+    }
+
+    /// Renders the latest state as the probe sees it (probe frame to world, mm). Frames count up from 0. Where no step
+    /// was made since the last frame, tissue stays as it was imaged then. In the steady state it allocates nothing but
+    /// what the model's [`Imager`] does.
+    ///
+    /// # Errors
+    /// [`SynthError`].
+    pub fn frame(&mut self, probe_to_world: &Matrix4<f64>) -> Result<&Frame, SynthError> {
+        // Before the first frame there is always a state to take: that of the model as it was given.
+        if self.latest.take() {
+            self.read();
+        }
+        self.state.probe_to_world = *probe_to_world;
+        self.synthesizer.render(&self.state)?;
+        self.state.frame += 1;
+        // The synthesizer keeps the places of nodes until it gets others.
+        self.take_nodes();
+        Ok(self.synthesizer.frame())
+    }
+
+    /// Writes the state taken into what is rendered.
+    fn read(&mut self) {
+        let snapshot = self.latest.state();
+        let line = snapshot.line.nodes();
+        let needle = self.state.needle.get_or_insert_with(|| NeedleShaft {
+            nodes: Vec::with_capacity(line.len()),
+            diameter_mm: self.needle_diameter_mm,
+        });
+        needle.nodes.clear();
+        needle.nodes.extend(line.iter().map(|node| node.1));
+        if line.is_empty() {
+            self.state.needle = None;
+        }
+        self.take_nodes();
+        let snapshot = self.latest.state();
+        if let Some(imager) = &mut self.imager {
+            imager.tissue(snapshot, &mut self.tissue);
+        }
+        self.seeds.show(snapshot, &self.tissue, &mut self.state.seeds);
+        if self.imager.is_some() {
+            self.state.nodes = Some(mem::take(&mut self.tissue.current));
+            self.state.reference = Some(mem::take(&mut self.tissue.reference));
+        }
+    }
+
+    /// Takes back the memory that a frame was given nodes in.
+    fn take_nodes(&mut self) {
+        if let (Some(current), Some(reference)) = (self.state.nodes.take(), self.state.reference.take()) {
+            (self.tissue.current, self.tissue.reference) = (current, reference);
+        }
+    }
+
+    /// The state that the last frame shows.
+    pub fn snapshot(&self) -> &Snapshot {
+        self.latest.state()
+    }
+
+    /// What renders, to change its settings between frames.
+    pub fn synthesizer(&mut self) -> &mut Synthesizer {
+        &mut self.synthesizer
+    }
+}
+
+/// Elements are matched, not nodes: a mesh that was written and read has other last bits.
+fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), InvalidImaging> {
+    if found.len() != expected.len() {
+        let (found, expected) = (found.len(), expected.len());
+        return Err(InvalidImaging::Elements { found, expected });
+    }
+    match found
+        .iter()
+        .zip(expected)
+        .position(|(found, expected)| found != expected)
+    {
+        Some(element) => Err(InvalidImaging::Element {
+            element,
+            found: found[element],
+            expected: expected[element],
+        }),
+        None => Ok(()),
+    }
+}
