@@ -1,0 +1,144 @@
+//! What is imaged, and what nobody asked for.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use nalgebra::{Matrix4, Point3, Vector3};
+
+use super::{Fake, instruments, patient};
+use crate::mechanics::insertion::{Snapshot, Tissue};
+use crate::mechanics::mesh::TetMesh;
+use crate::scene::SceneFile;
+use crate::simulator::seeds::Seeds;
+use crate::simulator::{Haptic, InvalidImaging, Simulator};
+use crate::synth::{Backend, Synthesizer};
+
+/// An anatomy of one block with a mesh of it or without, and a probe on it.
+fn scene(meshed: bool) -> (Synthesizer, Matrix4<f64>, Option<Arc<TetMesh>>) {
+    let mut text = String::from(
+        "version = 1\nvolume = { phantom = \"two-layer\", resolution_mm = 3 }\nimage = { width = 64, height = 48 }\n",
+    );
+    if meshed {
+        text += "[deform]\nnodes = 300\nfield = { kind = \"indentation\", centre_mm = [0, 0, 0], direction = [0, 1, 0], \
+                 depth_mm = 0.0, radius_mm = 25.0 }\n";
+    }
+    let scene = SceneFile::parse(&text, "scene")
+        .expect("file")
+        .resolve(".".as_ref())
+        .expect("scene");
+    let pose = *scene.probe_pose(0, 1).probe_to_world();
+    let mesh = scene.anatomy.mesh.clone();
+    // Frames of one state are one image: without noise, which differs from frame to frame.
+    let mut settings = scene.settings;
+    (settings.effects.receiver, settings.effects.noise) = (None, None);
+    let synthesizer = Synthesizer::new(scene.anatomy, settings, Backend::Cpu).expect("synthesizer");
+    (synthesizer, pose, mesh)
+}
+
+#[test]
+fn without_an_image_no_state_is_asked_for() {
+    let model = Fake::default();
+    let asked = model.asked.clone();
+    let mut haptic = Haptic::new(Box::new(model), patient());
+    let counts = || [&asked.snapshots, &asked.imagers, &asked.tissues].map(|count| count.load(Ordering::Relaxed));
+    for step in 0..5 {
+        haptic.step(&instruments(step), 1e-3).expect("step");
+    }
+    assert_eq!(counts(), [0, 0, 0]);
+    // An image without a mesh asks for no tissue.
+    let (synthesizer, pose, _) = scene(false);
+    let mut imaging = haptic.imaged(synthesizer, 1.27).expect("imaging");
+    assert_eq!(counts(), [1, 1, 0]);
+    haptic.step(&instruments(5), 1e-3).expect("step");
+    imaging.frame(&pose).expect("frame");
+    assert_eq!((counts(), imaging.snapshot().step), ([2, 1, 0], 6));
+    drop(imaging);
+    haptic.step(&instruments(6), 1e-3).expect("step");
+    assert_eq!(counts(), [2, 1, 0]);
+}
+
+#[test]
+fn frames_show_the_latest_state_and_tissue_is_computed_once_for_each() {
+    let (synthesizer, pose, mesh) = scene(true);
+    let model = Fake {
+        mesh,
+        ..Fake::default()
+    };
+    let asked = model.asked.clone();
+    let tissues = || asked.tissues.load(Ordering::Relaxed);
+    let mut simulator = Simulator::new(Box::new(model), synthesizer, 1.27, patient()).expect("simulator");
+    let rest = simulator.frame(&pose).expect("frame").pixels.clone();
+    assert_eq!(tissues(), 1);
+    for step in 0..6 {
+        simulator.step(&instruments(step), 1e-3).expect("step");
+    }
+    let (haptic, mut imaging) = simulator.split();
+    let moved = imaging.frame(&pose).expect("frame").pixels.clone();
+    assert_eq!((tissues(), imaging.snapshot().step), (2, 6));
+    assert!(moved != rest);
+    assert!(imaging.frame(&pose).expect("frame").pixels == moved);
+    assert_eq!(tissues(), 2);
+    drop(haptic);
+    assert!(imaging.frame(&pose).expect("frame").pixels == moved);
+}
+
+#[test]
+fn another_mesh_is_refused() {
+    let (synthesizer, _, mesh) = scene(true);
+    let found = mesh.as_ref().map_or(0, |mesh| mesh.elements().len());
+    let refused = Simulator::new(Box::new(Fake::default()), synthesizer, 1.27, patient());
+    assert_eq!(refused.err(), Some(InvalidImaging::Elements { found, expected: 0 }));
+    let (synthesizer, ..) = scene(true);
+    let refused = Simulator::new(
+        Box::new(Fake {
+            mesh,
+            ..Fake::default()
+        }),
+        synthesizer,
+        0.0,
+        patient(),
+    );
+    assert_eq!(refused.err(), Some(InvalidImaging::Diameter { found: 0.0 }));
+}
+
+#[test]
+fn seeds_move_with_the_tissue() {
+    let size = Vector3::new(10.0, 10.0, 10.0);
+    let mesh = TetMesh::lattice([3; 3], &Matrix4::new_nonuniform_scaling(&size)).expect("mesh");
+    let (mesh, mut tissue) = (Arc::new(mesh), Tissue::default());
+    // Linear in each element, so exact: a stretch along x, after a remesh that left the boundary as it was.
+    let stretched = |tissue: &Tissue, by: f64| tissue.reference.iter().map(|&[x, y, z]| [x * by, y, z]).collect();
+    tissue.reference = mesh.nodes().to_vec();
+    let inner = |node: &&mut [f64; 3]| node.iter().all(|x| (0.1..9.9).contains(x));
+    tissue
+        .reference
+        .iter_mut()
+        .filter(inner)
+        .for_each(|node| node[1] += 0.3);
+    let mut snapshot = Snapshot::default();
+    snapshot
+        .line
+        .set([(0.0, Point3::origin()), (10.0, Point3::new(0.0, 6.0, 8.0))]);
+    let mut seeds = Seeds::new(Some(mesh));
+    let (mut plain, mut shown, mut still) = (Seeds::new(None), Vec::new(), Vec::new());
+    for (count, by) in [(0, 1.0), (1, 1.1), (3, 1.3), (2, 0.8)] {
+        tissue.current = stretched(&tissue, by);
+        let places = [[3.0, 4.0, 5.0], [9.0, 1.0, 1.0], [-5.0, 0.0, 0.0]].map(Point3::from);
+        snapshot.seeds = places[..count].to_vec();
+        seeds.show(&snapshot, &tissue, &mut shown);
+        plain.show(&snapshot, &tissue, &mut still);
+        assert_eq!((shown.len(), still.len()), (count, count));
+        for ((place, shown), still) in places.iter().zip(&shown).zip(&still) {
+            // The last one lies outside.
+            let expected = if place.x < 0.0 {
+                *place
+            } else {
+                Point3::new(place.x * by, place.y, place.z)
+            };
+            let along = shown.nodes[1] - shown.nodes[0];
+            assert!((nalgebra::center(&shown.nodes[0], &shown.nodes[1]) - expected).norm() < 1e-9);
+            assert!((along.normalize() - Vector3::new(0.0, 0.6, 0.8)).norm() < 1e-9);
+            assert!((nalgebra::center(&still.nodes[0], &still.nodes[1]) - place).norm() < 1e-12);
+        }
+    }
+}
