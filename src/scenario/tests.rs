@@ -76,7 +76,8 @@ impl Model for Told {
         let base = Point3::from(instruments.base.translation.vector);
         let tip = instruments.base * Point3::new(0.0, 0.0, self.length_mm);
         self.line.set([(0.0, base), (self.length_mm, tip)]);
-        let depth = (tip.z + 45.0).max(0.0);
+        // Between two steps, so that rounding decides nothing.
+        let depth = (tip.z + 44.95).max(0.0);
         self.outcome = Outcome {
             on_hand: Wrench {
                 force_n: Vector3::new(0.0, 0.0, -depth),
@@ -189,13 +190,15 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
     // 25 frames a second and the mesh twice a second, both from the first step on and at the end.
     assert_eq!((heard.frames.len(), heard.meshes.len()), (51, 5));
     assert_eq!(heard.frames[10], (10, heard.steps[39].0, 2));
-    assert_eq!(summary.max_base_force_n, 15.0);
-    assert_eq!((summary.max_inserted_mm, summary.not_converged), (15.0, 1));
+    assert!((summary.max_base_force_n - 14.95).abs() < 1e-9);
+    assert!((summary.max_inserted_mm - 14.95).abs() < 1e-9);
+    assert_eq!(summary.not_converged, 1);
     assert_eq!(summary.remeshes, 150);
     assert!(summary.step_ms.remesh_max.is_some() && summary.step_ms.median <= summary.step_ms.max);
     assert_eq!(summary.seeds.len(), 1);
     assert!((summary.seeds[0].time_s - 1.0).abs() < 1e-9 && summary.seeds[0].planned_mm.is_none());
-    assert_eq!(summary.seeds[0].deposited_mm.map(|at| at[0]), Some(0.5));
+    let deposited = summary.seeds[0].deposited_mm.expect("in tissue");
+    assert!((deposited[0] - 0.5).abs() < 1e-9);
     assert_eq!(summary.events[0].region.as_deref(), Some("phantom_top"));
     assert!(
         summary
