@@ -82,7 +82,11 @@ mod tests {
         let reference = vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]];
         // Turned by a quarter about z and moved.
         let current = reference.iter().map(|[x, y, z]| [10.0 - y, *x, *z]).collect();
-        let tissue = Tissue { reference, current };
+        let tissue = Tissue {
+            reference,
+            current,
+            ..Tissue::default()
+        };
         let mut carried = Carried {
             along: vec![Vector3::x(); 2],
             ..Carried::default()
