@@ -61,7 +61,7 @@ impl Needle for Beam {
         true
     }
 
-    fn place(&self, base: &Isometry3<f64>, _: Option<&Entry>, loads: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, loads: &[Load], line: &mut CentreLine) {
         let along = base * nalgebra::Vector3::z();
         line.set((0..=30).map(|node| {
             let arc = self.length_mm * node as f64 / 30.0;
@@ -74,7 +74,7 @@ impl Needle for Beam {
         }));
     }
 
-    fn flexibility(&self, _: &CentreLine, rows: &[Row], out: &mut Mat<f64>) {
+    fn flexibility(&mut self, _: &CentreLine, rows: &[Row], out: &mut Mat<f64>) {
         for (i, a) in rows.iter().enumerate() {
             for (j, b) in rows.iter().enumerate() {
                 out[(i, j)] += a.direction.dot(&b.direction) * self.yielding(a.arc_mm, b.arc_mm);
