@@ -17,7 +17,7 @@ use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::rigid::{self, FreePart, RigidError};
 use crate::scene::Scene;
 use crate::scene::deform::NODES;
-use crate::statics::selection::{axes, ordered, select};
+use crate::statics::selection::{Odd, axes, ordered, select};
 use crate::volume::LabelVolume;
 
 /// A part of the mesh that nothing holds is held by itself where it has at most this share of the nodes: crumbs that a
@@ -140,7 +140,7 @@ impl ScenarioFile {
     /// The labels with all that lies outside a box unlabelled.
     fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
         let [low, high] =
-            ordered("tissue.box_mm", corners).map_err(|(key, wrong)| self.fault(key, Wrong::Nodes(wrong)))?;
+            ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1)))?;
         let [nx, ny, _] = volume.size();
         let to_world = volume.index_to_world();
         let inside = |at: usize| {
@@ -188,7 +188,7 @@ impl ScenarioFile {
         );
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
-            let nodes_wrong = |(key, wrong)| self.fault(key, Wrong::Nodes(wrong));
+            let nodes_wrong = |odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1));
             let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
             if let Some(region) = &spec.region {
                 if spec.nodes.is_some() || spec.box_mm.is_some() {

@@ -60,12 +60,12 @@ impl Template<'_> {
     /// The middle of a hole.
     fn hole(&self, name: &str) -> Option<Point3<f64>> {
         let names = &self.spec.names;
-        let splits = names.columns.iter().enumerate().filter_map(|(column, title)| {
+        let mut splits = names.columns.iter().enumerate().filter_map(|(column, title)| {
             let row = name.strip_prefix(title.as_str())?;
             let row = names.rows.iter().position(|title| title == row)?;
             Some([column, row])
         });
-        let [column, row] = splits.last()?;
+        let [column, row] = splits.next_back()?;
         Some(self.origin + self.steps[0] * column as f64 + self.steps[1] * row as f64)
     }
 

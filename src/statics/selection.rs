@@ -4,7 +4,7 @@ use super::error::{StaticsError, Wrong};
 use super::file::ProblemFile;
 
 /// What is wrong with a choice of nodes or axes, and the key that it is about.
-pub(crate) type Odd = (String, Wrong);
+pub(crate) type Odd = Box<(String, Wrong)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
@@ -17,12 +17,12 @@ impl ProblemFile {
         box_mm: Option<&[[f64; 3]; 2]>,
         positions: &[[f64; 3]],
     ) -> Result<Vec<u32>, StaticsError> {
-        select(table, nodes, box_mm, positions).map_err(|(key, wrong)| self.fault(key, wrong))
+        select(table, nodes, box_mm, positions).map_err(|odd| self.fault(odd.0, odd.1))
     }
 
     /// Node numbers, checked.
     pub(super) fn numbered(&self, key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, StaticsError> {
-        numbered(key, nodes, of).map_err(|(key, wrong)| self.fault(key, wrong))
+        numbered(key, nodes, of).map_err(|odd| self.fault(odd.0, odd.1))
     }
 
     /// Checks that a vector is finite.
@@ -38,7 +38,7 @@ impl ProblemFile {
 
     /// The axes of a table, checked.
     pub(super) fn axes(&self, table: &str, letters: &str) -> Result<Vec<u8>, StaticsError> {
-        axes(table, letters).map_err(|(key, wrong)| self.fault(key, wrong))
+        axes(table, letters).map_err(|odd| self.fault(odd.0, odd.1))
     }
 }
 
@@ -75,13 +75,13 @@ pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, Odd> {
 
 fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> Odd {
     let (found, expected) = (found.into(), expected.into());
-    (key, Wrong::Keys { found, expected })
+    Box::new((key, Wrong::Keys { found, expected }))
 }
 
 fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
-        _ => Err((format!("{key}[{at}]"), Wrong::Node { found, nodes: of })),
+        _ => Err(Box::new((format!("{key}[{at}]"), Wrong::Node { found, nodes: of }))),
     };
     nodes.iter().enumerate().map(check).collect()
 }
@@ -90,10 +90,10 @@ fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
 pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], Odd> {
     if let Some((at, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
         let expected = "a coordinate, mm, or `inf` for an open side";
-        return Err((
+        return Err(Box::new((
             format!("{key}[{}][{}]", at / 3, at % 3),
             Wrong::Number { found, expected },
-        ));
+        )));
     }
     Ok([
         std::array::from_fn(|axis| corners[0][axis].min(corners[1][axis])),
