@@ -64,6 +64,8 @@ pub struct Finite {
     forces: Vec<Vector3<f64>>,
     /// Whether the last two are there.
     laid: [bool; 2],
+    /// Where nodes that have come off still act on the needle, mm; their forces stand behind the others.
+    fading: Vec<f64>,
     tip: Tip,
     seeds: Vec<Point3<f64>>,
     outcome: Outcome,

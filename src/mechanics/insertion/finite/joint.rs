@@ -38,6 +38,8 @@ pub(super) struct ProbeRow {
     pub direction: Vector3<f64>,
 }
 
+/// Loads that fade at most.
+pub(super) const MOST_FADING: usize = 4;
 /// Rounds in which all nodes that break Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 
@@ -72,6 +74,8 @@ pub(super) struct Joint {
     has_tip: bool,
     /// A hole that the needle runs through, mm.
     guide: Option<Point3<f64>>,
+    /// Loads of nodes that have come off: the line still lies under them, the solution does without.
+    fading: usize,
     /// The compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
@@ -184,8 +188,9 @@ impl Joint {
         probes: usize,
         tip: Option<&TipRow>,
         guide: Option<Point3<f64>>,
+        fading: usize,
     ) {
-        (self.has_tip, self.guide) = (tip.is_some(), guide);
+        (self.has_tip, self.guide, self.fading) = (tip.is_some(), guide, fading);
         self.clear_rest();
         let members = Members {
             condensed,
@@ -226,9 +231,9 @@ impl Joint {
         }
     }
 
-    /// Rows that there is room for: those of the contacts, of the tip and of a guide.
+    /// Rows that there is room for.
     fn room(&self) -> usize {
-        3 * (self.contacts + 2)
+        3 * (self.contacts + 2 + MOST_FADING)
     }
 
     /// Contacts, and the tissue at the tip.
@@ -236,9 +241,9 @@ impl Joint {
         self.contacts + usize::from(self.has_tip)
     }
 
-    /// These, and a guide.
+    /// These, a guide, and loads that fade.
     pub fn nodes(&self) -> usize {
-        self.yielding() + usize::from(self.guide.is_some())
+        self.yielding() + usize::from(self.guide.is_some()) + self.fading
     }
 
     /// What the probe prescribes along its rows, mm.

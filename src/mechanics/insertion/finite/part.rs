@@ -17,6 +17,8 @@ const MOST_UNSETTLED: usize = 3;
 const LEAST_SHARE: f64 = 1e-3;
 /// A part of a step that still moves by more when its iterations end is given up, mm.
 const LOST_MM: f64 = 0.1;
+/// A load that fades is gone below this, N.
+const FADED_N: f64 = 1e-12;
 
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
@@ -141,7 +143,7 @@ impl Finite {
                     if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
                         break;
                     }
-                    share = (share * FARTHEST_MM / shift).max(LEAST_SHARE);
+                    share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
                     self.take_forces(share);
                 }
             }
@@ -160,7 +162,18 @@ impl Finite {
                 self.put_back(&base);
             }
         }
+        self.forget_faded();
         self.carry();
+    }
+
+    /// Forgets the loads of nodes that came off, once the needle lies without them.
+    fn forget_faded(&mut self) {
+        let first = self.forces.len() - self.fading.len();
+        if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
+            self.forces.truncate(first);
+            self.memory.arcs.truncate(first);
+            self.fading.clear();
+        }
     }
 
     /// Keeps forces, places and states as they are before a part of a step.
@@ -219,6 +232,7 @@ impl Finite {
         arcs.extend(self.contacts.iter().map(|contact| contact.arc));
         arcs.extend(self.tip.row.as_ref().map(|_| self.line.length_mm()));
         arcs.extend(guide);
+        arcs.extend_from_slice(&self.fading);
     }
 
     /// The hole that the needle runs through, if it can bend.
@@ -278,7 +292,9 @@ impl Finite {
             self.condensed = Some(self.version);
         }
         let guide = self.guide();
-        self.joint.set_tip(condensed, probes, self.tip.row.as_ref(), guide);
+        let fading = self.fading.len();
+        self.joint
+            .set_tip(condensed, probes, self.tip.row.as_ref(), guide, fading);
         self.joint
             .press(self.press.iter().flat_map(|press| press.displacements()));
         self.lay_forces();
@@ -301,7 +317,7 @@ impl Finite {
             self.forces.insert(at, share);
         } else if had_tip && !has_tip {
             let force = self.forces.remove(at);
-            if let Some(last) = self.forces[..at].last_mut().filter(|_| self.tip.at_node) {
+            if let Some(last) = self.forces[..at].last_mut() {
                 *last += force;
             }
         }

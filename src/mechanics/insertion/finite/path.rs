@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::contact::Contact;
+use super::joint::MOST_FADING;
 use super::place::Place;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
@@ -23,7 +24,11 @@ impl Finite {
             .is_some_and(|contact| contact.arc > length + BEYOND_MM)
         {
             let Some(contact) = self.contacts.pop() else { break };
-            self.forces.remove(self.contacts.len());
+            // The needle still lies under its force, which fades as a solution without it is found.
+            let force = self.forces.remove(self.contacts.len());
+            if self.needle.is_flexible() {
+                self.fade(contact.arc, force);
+            }
             self.memory.starts.pop();
             if self.adaptation.restore(contact.node).is_err() {
                 self.note(EventKind::NotRemeshed, self.line.tip(), None);
@@ -45,6 +50,15 @@ impl Finite {
         }
         self.name_contacts();
         true
+    }
+
+    fn fade(&mut self, arc: f64, force: Vector3<f64>) {
+        if let (MOST_FADING, Some(last)) = (self.fading.len(), self.forces.last_mut()) {
+            *last += force;
+        } else {
+            self.fading.push(arc);
+            self.forces.push(force);
+        }
     }
 
     /// Follows the tip through the tissue. Whether a node was moved to it.

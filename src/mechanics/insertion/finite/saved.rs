@@ -25,6 +25,7 @@ struct State {
     contacts: Vec<Contact>,
     forces: Vec<Vector3<f64>>,
     laid: [bool; 2],
+    fading: Vec<f64>,
     tip: Tip,
     seeds: Vec<Point3<f64>>,
     /// Where moved nodes are in the reference state.
@@ -53,6 +54,7 @@ impl Finite {
             contacts: self.contacts.clone(),
             forces: self.forces.clone(),
             laid: self.laid,
+            fading: self.fading.clone(),
             tip: self.tip.clone(),
             seeds: self.seeds.clone(),
             moved: mesh
@@ -89,7 +91,7 @@ impl Finite {
             point_mm,
             direction: Unit::new_unchecked(direction),
         });
-        (self.guide, self.laid) = (state.guide, state.laid);
+        (self.guide, self.laid, self.fading) = (state.guide, state.laid, state.fading);
         if let (Some(press), Some((pose, touching))) = (&mut self.press, &state.probe) {
             press.put_back(*pose, touching);
         }

@@ -224,6 +224,7 @@ impl Setup {
             contacts: Vec::new(),
             forces: Vec::<Vector3<f64>>::new(),
             laid: [false; 2],
+            fading: Vec::new(),
             tip: Tip::default(),
             seeds: Vec::new(),
             outcome: Outcome::default(),
