@@ -48,8 +48,9 @@ fn a_needle_goes_into_the_liver_and_out_again() {
     let summary = summary("liver-biopsy", &ready("liver-biopsy"));
     let kinds = kinds(&summary);
     assert!(kinds.contains(&"skin") && kinds.contains(&"out"), "{kinds:?}");
+    // 138 mm of the path lie in the body; the needle drags tissue along, by less than a tenth of that.
     assert!(
-        (130.0..146.0).contains(&number(&summary["max_inserted_mm"])),
+        (124.0..138.5).contains(&number(&summary["max_inserted_mm"])),
         "{summary}"
     );
     let events = summary["events"].as_array().expect("a list");
