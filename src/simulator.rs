@@ -1,6 +1,6 @@
 //! Embedding: tissue, needle and probe at the rate of the hand, images at their own.
 //!
-//! A [`Haptic`] steps a [`Model`](crate::mechanics::insertion::Model) on the caller's thread and answers with forces.
+//! A [`Haptic`] steps a [`Model`] on the caller's thread and answers with forces.
 //! An [`Imaging`] renders frames of it on another thread, each of the latest whole state: what a step leaves is handed
 //! over through three buffers without locks, so neither thread waits for the other and no frame shows half a step. A
 //! [`Simulator`] is both, to drive them in turn or to [split](Simulator::split) them. Where nothing is imaged, a
