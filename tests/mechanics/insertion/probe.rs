@@ -2,7 +2,7 @@
 
 use insonify::mechanics::insertion::finite::{Finite, Setup};
 use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact, Snapshot, Tissue};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::support::{USUAL, assert_finite, build, kinds, setup, tip_at};
 
@@ -193,7 +193,7 @@ fn without_a_probe_nothing_of_it_is_built() {
     assert_eq!(with.adaptation().remesher().contacts().len(), 45);
 }
 
-/// A point behind the end of the probe.
+/// Nodes that the probe does not reach, or has passed, are free.
 #[test]
 fn nodes_beyond_the_end_are_free() {
     let mut finite = build(pressed(1));
@@ -205,5 +205,4 @@ fn nodes_beyond_the_end_are_free() {
         (none.probe_contacts, none.on_probe.map(|wrench| wrench.force_n.norm())),
         (0, Some(0.0))
     );
-    let _ = Point3::<f64>::origin();
 }
