@@ -251,6 +251,7 @@ impl Model for Finite {
         }
         self.steps += 1;
         self.time_s += dt_s;
+        let was_crushed = self.outcome.crushed > 0;
         self.outcome.begin();
         self.guide = instruments.guide;
         self.travel(&instruments.base, instruments.probe.as_ref());
@@ -258,6 +259,9 @@ impl Model for Finite {
             self.deposit();
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
+        if self.outcome.crushed > 0 && !was_crushed {
+            self.note(EventKind::Crushed, self.outcome.tip_mm, None);
+        }
         if !self.outcome.converged {
             self.note(EventKind::NotConverged, self.outcome.tip_mm, None);
         }

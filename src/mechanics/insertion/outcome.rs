@@ -55,7 +55,8 @@ pub struct Outcome {
     pub iterations: usize,
     /// Whether the last of them changed less than the tolerance, in every part.
     pub converged: bool,
-    /// Elements beside contacts that are inverted now: tissue is crushed there.
+    /// Inverted elements that the model came upon around the needle: tissue is crushed there. [`Tissue`](super::Tissue) counts those of
+    /// the whole mesh.
     pub crushed: usize,
     /// What happened.
     pub events: Vec<Event>,

@@ -95,8 +95,6 @@ pub(super) struct Solved {
     pub rounds: usize,
     /// Whether Coulomb's law holds everywhere.
     pub settled: bool,
-    /// Rows left out because the others determine them already.
-    pub dependent: usize,
 }
 
 /// Axes of a contact: along the shaft, and two across.
@@ -150,8 +148,8 @@ impl Members<'_> {
 
 impl Joint {
     /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that the tissue
-    /// at the tip is made of), and eliminates the probe. How many of its rows depend on others.
-    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) -> usize {
+    /// at the tip is made of), and eliminates the probe.
+    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
         self.probe_rows.clear();
         self.probe_rows.extend_from_slice(rows);
         self.probe.start(rows.len());
@@ -164,7 +162,7 @@ impl Joint {
                     .sum();
             }
         }
-        let dependent = self.probe.factor();
+        self.probe.factor();
         (self.contacts, self.has_tip) = (contacts, false);
         let (p, room) = (rows.len(), self.room());
         self.coupling.resize(room * p, 0.0);
@@ -177,7 +175,6 @@ impl Joint {
             tip: None,
         };
         (0..3 * contacts).for_each(|column| self.fill(&members, column));
-        dependent
     }
 
     /// Puts the tissue at the tip behind the contacts, and a guide behind that, or takes them away. The compliance is that of the
@@ -308,7 +305,7 @@ impl Joint {
         let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
         while solved.rounds < most {
             solved.rounds += 1;
-            solved.dependent = self.solve_once(contacts, tip.as_deref(), starts, line, flexibility);
+            self.solve_once(contacts, tip.as_deref(), starts, line, flexibility);
             let all = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
             let sliders = contacts
@@ -393,7 +390,7 @@ impl Joint {
         starts: &[f64],
         line: &CentreLine,
         flexibility: Option<&Mat<f64>>,
-    ) -> usize {
+    ) {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
         for at in (0..n).filter(|at| self.forces[*at] != 0.0) {
@@ -419,12 +416,11 @@ impl Joint {
                 self.right[j] -= self.gives(column, Some(flexibility));
             }
         }
-        let dependent = self.system.factor();
+        self.system.factor();
         self.system.solve(&mut self.right);
         for (force, &row) in self.right.iter().zip(&self.rows) {
             self.forces[row] = *force;
         }
-        dependent
     }
 
     /// Force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world axes.

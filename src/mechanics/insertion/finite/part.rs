@@ -134,8 +134,7 @@ impl Finite {
             };
             self.take_forces(share);
             if yields {
-                let first = std::mem::replace(&mut self.memory.first, std::mem::take(&mut self.line));
-                self.line = first;
+                std::mem::swap(&mut self.line, &mut self.memory.first);
                 loop {
                     self.line.clone_from(&self.memory.before);
                     self.place(&base);

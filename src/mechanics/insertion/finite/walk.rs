@@ -1,10 +1,12 @@
 //! From points to places in the tissue as it lies now.
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector3};
 
 use super::Finite;
 use super::place::{Place, Tetrahedron};
-use crate::mechanics::mesh::NONE;
+use crate::mechanics::mesh::{NONE, TetMesh};
 
 /// Elements that a search goes through at most: a part of a step passes a few.
 const MOST_ELEMENTS: usize = 64;
@@ -78,21 +80,21 @@ impl Finite {
     /// From an element to the one that holds a point, in the tissue as it lies now. None outside.
     pub(super) fn walk(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
         self.gather(from);
-        let mut element = from;
-        for _ in 0..MOST_ELEMENTS {
+        let mesh = Arc::clone(&self.mesh);
+        search(&mesh, point, from, |element| {
             let tetrahedron = self.deformed(element)?;
-            if tetrahedron.volume <= 0.0 {
-                self.outcome.crushed += 1;
-            }
-            match next(&tetrahedron.bary(point)) {
-                Ok(bary) => return Some(Place { element, bary }),
-                Err(corner) => element = self.mesh.neighbours()[element as usize][corner],
-            }
-            if element == NONE {
-                return None;
-            }
-        }
-        None
+            self.outcome.crushed += usize::from(tetrahedron.volume <= 0.0);
+            Some(tetrahedron)
+        })
+    }
+
+    /// The same in the reference state.
+    pub(super) fn walk_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+        let nodes = self.adaptation.mesh().nodes();
+        search(&self.mesh, point, from, |element| {
+            let corners = self.mesh.elements()[element as usize];
+            Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))
+        })
     }
 
     /// Back along a direction to where the tissue begins: the place there, the corner opposite the surface, and how far (mm).
@@ -128,24 +130,26 @@ impl Finite {
         }
         None
     }
+}
 
-    /// The same in the reference state.
-    pub(super) fn walk_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
-        let nodes = self.adaptation.mesh().nodes();
-        let mut element = from;
-        for _ in 0..MOST_ELEMENTS {
-            let corners = self.mesh.elements()[element as usize];
-            let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))?;
-            match next(&tetrahedron.bary(point)) {
-                Ok(bary) => return Some(Place { element, bary }),
-                Err(corner) => element = self.mesh.neighbours()[element as usize][corner],
-            }
-            if element == NONE {
-                return None;
-            }
+/// Goes from an element to the one that holds a point, each time through the face that the point lies farthest beyond.
+fn search(
+    mesh: &TetMesh,
+    point: &Point3<f64>,
+    from: u32,
+    mut at: impl FnMut(u32) -> Option<Tetrahedron>,
+) -> Option<Place> {
+    let mut element = from;
+    for _ in 0..MOST_ELEMENTS {
+        match next(&at(element)?.bary(point)) {
+            Ok(bary) => return Some(Place { element, bary }),
+            Err(corner) => element = mesh.neighbours()[element as usize][corner],
         }
-        None
+        if element == NONE {
+            return None;
+        }
     }
+    None
 }
 
 /// The coordinates, if they are those of a point inside, or else the corner whose opposite face the point lies farthest beyond.
