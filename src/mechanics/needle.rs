@@ -17,6 +17,7 @@ use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 pub use bending::BendingConstraint;
+pub(in crate::mechanics) use line::across;
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{Constrained, Rigid};
 pub use shaft::{Bevel, InvalidNeedleModel, Shaft};
@@ -65,11 +66,29 @@ pub trait Needle: Send + Debug {
     fn is_flexible(&self) -> bool;
 
     /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of the call
-    /// before, which the levers of the forces may be taken from; what it holds at first is of no matter if there are no loads.
-    /// `entry` is where the needle went in, if it is in the body.
-    fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, loads: &[Load], line: &mut CentreLine);
+    /// before: a model may go one step from there, with a stiffness that it has under the loads `about`, towards the shape that is
+    /// asked for, and be called until nothing moves. What `line` holds at first is of no matter if there are no loads. `entry`
+    /// is where the needle went in, if it is in the body.
+    fn place(
+        &mut self,
+        base: &Isometry3<f64>,
+        entry: Option<&Entry>,
+        about: &[Load],
+        loads: &[Load],
+        line: &mut CentreLine,
+    );
 
-    /// Adds to `out` (rows x rows, mm/N) the displacement along row i of the shaft that lies as `line` says, base held, under a
-    /// unit force along row j. Symmetric, positive semidefinite. Nothing is added for a line that this needle did not place.
-    fn flexibility(&mut self, line: &CentreLine, rows: &[Row], out: &mut Mat<f64>);
+    /// What [`place`](Self::place) makes of forces, linearised about the shape in `line` under `loads`, base held. Adds to `out` (rows
+    /// x rows, mm/N) the displacement along row i of the shaft under a further unit force along row j: symmetric, and positive
+    /// semidefinite unless the loads would buckle a needle that nothing else holds. Writes to `drift` how far the rows still move if
+    /// no force changes, mm. In how many ways the needle would buckle: the negative eigenvalues of its tangent stiffness. Nothing is
+    /// added for a line that this needle did not place.
+    fn linearise(
+        &mut self,
+        line: &CentreLine,
+        loads: &[Load],
+        rows: &[Row],
+        drift: &mut [f64],
+        out: &mut Mat<f64>,
+    ) -> usize;
 }

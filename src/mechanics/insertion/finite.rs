@@ -14,7 +14,6 @@ mod press;
 mod saved;
 mod setup;
 mod slider;
-mod spd;
 #[cfg(test)]
 mod tests;
 mod tip;
@@ -22,7 +21,6 @@ mod walk;
 
 use std::sync::Arc;
 
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
@@ -33,7 +31,7 @@ use crate::mechanics::tissue::remesh::Adaptation;
 use contact::Contact;
 use friction::Interactions;
 use imager::FiniteImager;
-use joint::Joint;
+use joint::{Joint, Yielding};
 use nearby::Nearby;
 use press::Press;
 pub use setup::{InvalidSetup, Options, Setup};
@@ -77,8 +75,8 @@ pub struct Finite {
     condensed: Option<u64>,
     nearby: Nearby,
     carried: Vec<(usize, f64)>,
-    /// Of the needle, across the shaft at the contacts.
-    flexibility: Mat<f64>,
+    /// Of the needle where forces act.
+    yielding: Yielding,
     memory: Memory,
 }
 
@@ -90,7 +88,7 @@ struct Memory {
     loads: Vec<Load>,
     rows: Vec<Row>,
     before: CentreLine,
-    first: CentreLine,
+    about: Vec<Load>,
     kept: Kept,
     forces: Vec<Vector3<f64>>,
     contact_forces: Vec<f64>,
@@ -202,7 +200,7 @@ impl Finite {
             on_probe = Some(wrench);
         }
         self.needle
-            .place(base, self.entry.as_ref(), &[], &mut self.memory.before);
+            .place(base, self.entry.as_ref(), &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
         let outcome = &mut self.outcome;
         outcome.on_hand = on_hand;

@@ -25,7 +25,6 @@
 
 mod body;
 mod bone;
-mod cholesky;
 mod contacts;
 mod cylinder;
 mod geometry;
@@ -139,11 +138,11 @@ impl MassSpring {
 
     /// Where the needle comes from at the first step: one that begins in the body has been pushed in along itself.
     fn begin(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
-        self.needle.place(base, None, &[], &mut self.body.line);
+        self.needle.place(base, None, &[], &[], &mut self.body.line);
         let inside = self.anatomy.region(&self.body.line.tip()).is_some();
         let back = if inside { self.needle.length_mm() } else { 0.0 };
         let from = base * Translation3::new(0.0, 0.0, -back);
-        self.needle.place(&from, None, &[], &mut self.body.line);
+        self.needle.place(&from, None, &[], &[], &mut self.body.line);
         let tip = self.tip();
         self.put(&meeting::frame_at(&tip.point_mm, &tip.tangent));
         from

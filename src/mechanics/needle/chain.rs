@@ -16,6 +16,7 @@ pub(super) struct Chain {
     /// From which node on the shaft is tilted, and its direction there in the frame of the link.
     tilt: Option<(usize, Vector3<f64>)>,
     nodes: Vec<(f64, Point3<f64>)>,
+    turns: Vec<Vector3<f64>>,
 }
 
 impl Chain {
@@ -39,11 +40,13 @@ impl Chain {
             (from, bevel.direction())
         });
         let nodes = Vec::with_capacity(arcs.len());
+        let turns = Vec::with_capacity(at.len());
         Self {
             arcs,
             joints: at,
             tilt,
             nodes,
+            turns,
         }
     }
 
@@ -61,10 +64,11 @@ impl Chain {
         self.joints.partition_point(|&node| self.arcs[node] < arc_mm)
     }
 
-    /// Whether a line has the nodes of this shaft.
+    /// Whether a line has the nodes and joints of this shaft.
     pub(super) fn fits(&self, line: &CentreLine) -> bool {
         let arcs = line.nodes().iter().map(|node| node.0);
-        line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
+        let turns = line.turns().len() == self.joints.len();
+        turns && line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
     }
 
     /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for
@@ -85,6 +89,7 @@ impl Chain {
         let mut along = direction(&frame, 0);
         let mut joint = 0;
         self.nodes.clear();
+        self.turns.clear();
         self.nodes.push(turned);
         for (node, &arc) in self.arcs.iter().enumerate().skip(1) {
             let point = turned.1 + along * (arc - turned.0);
@@ -92,6 +97,7 @@ impl Chain {
             let mut turns = self.tilt.as_ref().is_some_and(|tilt| tilt.0 == node);
             if self.joints.get(joint) == Some(&node) {
                 let angle = turn(joint, &along);
+                self.turns.push(angle);
                 if angle != Vector3::zeros() {
                     frame = UnitQuaternion::from_scaled_axis(angle) * frame;
                     turns = true;
@@ -103,6 +109,6 @@ impl Chain {
                 turned = (arc, point);
             }
         }
-        line.set(self.nodes.iter().copied());
+        line.set_turned(self.nodes.iter().copied(), &self.turns);
     }
 }

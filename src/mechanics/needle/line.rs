@@ -1,6 +1,15 @@
 //! The centre line of a needle: a polyline from base to tip, by arc length of the undeformed shaft.
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Two directions across a unit vector and each other.
+pub(in crate::mechanics) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let mut aside = Vector3::zeros();
+    aside[along.iamin()] = 1.0;
+    let across = along.cross(&aside).normalize();
+    [across, along.cross(&across)]
+}
 
 /// A point of the shaft.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,22 +21,57 @@ pub struct ShaftPoint {
 }
 
 /// A polyline from base to tip; the link behind the last node goes on beyond the tip, the first one before the base.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CentreLine {
     nodes: Vec<(f64, Point3<f64>)>,
+    /// What the joints of the needle that laid it turn by (axis times angle, rad, world axes), base first.
+    turns: Vec<Vector3<f64>>,
+}
+
+impl Clone for CentreLine {
+    fn clone(&self) -> Self {
+        CentreLine {
+            nodes: self.nodes.clone(),
+            turns: self.turns.clone(),
+        }
+    }
+
+    /// Keeps its memory.
+    fn clone_from(&mut self, other: &Self) {
+        self.nodes.clone_from(&other.nodes);
+        self.turns.clone_from(&other.turns);
+    }
 }
 
 impl CentreLine {
     /// Takes other nodes: arcs (mm) rising from 0 at the base to the length at the tip, at least two, no two points in one place.
     pub fn set(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>) {
+        self.set_turned(nodes, &[]);
+    }
+
+    /// The same, of a needle whose joints turn by `turns`.
+    pub(in crate::mechanics) fn set_turned(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>, turns: &[Vector3<f64>]) {
         self.nodes.clear();
         self.nodes.extend(nodes);
+        self.turns.clear();
+        self.turns.extend_from_slice(turns);
         debug_assert!(self.nodes.len() >= 2 && self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0));
+    }
+
+    /// Moves all of it.
+    pub(in crate::mechanics) fn transform(&mut self, motion: &Isometry3<f64>) {
+        self.nodes.iter_mut().for_each(|node| node.1 = motion * node.1);
+        self.turns.iter_mut().for_each(|turn| *turn = motion.rotation * *turn);
     }
 
     /// Arcs (mm) and points, base first. Empty before the needle is first placed.
     pub fn nodes(&self) -> &[(f64, Point3<f64>)] {
         &self.nodes
+    }
+
+    /// What its joints turn by, rad, world axes, base first. Empty if the needle that laid it has none.
+    pub(in crate::mechanics) fn turns(&self) -> &[Vector3<f64>] {
+        &self.turns
     }
 
     /// The arc of the tip, mm.

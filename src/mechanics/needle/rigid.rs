@@ -42,11 +42,14 @@ impl Needle for Rigid {
         false
     }
 
-    fn place(&mut self, base: &Isometry3<f64>, _entry: Option<&Entry>, _loads: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         self.chain.place(base, line, |_, _| Vector3::zeros());
     }
 
-    fn flexibility(&mut self, _line: &CentreLine, _rows: &[Row], _out: &mut Mat<f64>) {}
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut Mat<f64>) -> usize {
+        drift.fill(0.0);
+        0
+    }
 }
 
 /// A straight needle whose inserted part is held near the direction in which it entered (training system paper, section
@@ -85,7 +88,7 @@ impl Needle for Constrained {
         false
     }
 
-    fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, _loads: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         let (hub, length) = (Point3::from(base.translation.vector), self.shaft.length_mm);
         let measured = Unit::new_normalize(base.rotation * Vector3::z());
         let outside = entry.map_or(0.0, |entry| (entry.point_mm - hub).norm());
@@ -101,7 +104,10 @@ impl Needle for Constrained {
         }
     }
 
-    fn flexibility(&mut self, _line: &CentreLine, _rows: &[Row], _out: &mut Mat<f64>) {}
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut Mat<f64>) -> usize {
+        drift.fill(0.0);
+        0
+    }
 }
 
 /// Parts of the shaft shorter than this have no direction, mm.
@@ -132,7 +138,7 @@ mod tests {
         let mut line = CentreLine::default();
         for roll in [0.0, 1.0, std::f64::consts::PI] {
             let base = slanted() * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
-            needle.place(&base, None, &loads, &mut line);
+            needle.place(&base, None, &loads, &loads, &mut line);
             assert_eq!(line.nodes().len(), 3);
             let (sine, cosine) = roll.sin_cos();
             let tip = Point3::new(0.6 * cosine, 0.6 * sine, 197.0 + (9.0f64 - 0.36).sqrt());
@@ -143,7 +149,7 @@ mod tests {
             arc_mm: 100.0,
             direction: Vector3::x(),
         };
-        needle.flexibility(&line, &[row], &mut out);
+        needle.linearise(&line, &loads, &[row], &mut [0.0], &mut out);
         assert_eq!((out[(0, 0)], needle.is_flexible()), (0.0, false));
     }
 
@@ -153,13 +159,13 @@ mod tests {
         let mut needle = Constrained::new(Shaft::default(), constraint).expect("needle");
         let (base, mut line) = (slanted(), CentreLine::default());
         let measured = Unit::new_normalize(base.rotation * Vector3::z());
-        needle.place(&base, None, &[], &mut line);
+        needle.place(&base, None, &[], &[], &mut line);
         assert!((line.tip() - base * Point3::new(0.0, 0.0, 200.0)).norm() < 1e-12);
         let entry = Entry {
             point_mm: base * Point3::new(6.0, 0.0, 40.0),
             direction: Unit::new_normalize(base.rotation * Vector3::new(0.2, 0.0, 1.0)),
         };
-        needle.place(&base, Some(&entry), &[], &mut line);
+        needle.place(&base, Some(&entry), &[], &[], &mut line);
         let outside = 6.0f64.hypot(40.0);
         let (arc, middle) = line.nodes()[1];
         assert!((arc - outside).abs() < 1e-12 && middle == entry.point_mm);
@@ -172,7 +178,7 @@ mod tests {
                 point_mm: base * point,
                 ..entry
             };
-            needle.place(&base, Some(&entry), &[], &mut line);
+            needle.place(&base, Some(&entry), &[], &[], &mut line);
             assert_eq!(line.nodes().len(), 2);
         }
     }

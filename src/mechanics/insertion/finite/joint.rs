@@ -8,14 +8,15 @@
 //! ```
 //!
 //! so the probe is eliminated once for every compliance at the contacts and every placement of its rows. The needle yields too:
-//! its line moves by -C (F - F_before), C its flexibility. A node across the shaft lies on the line, and along it either holds its
+//! its line moves by d - C (F - F_before), C its flexibility and d what the forces before still make of its shape. A node across the shaft lies on the line, and along it either holds its
 //! place or is pushed with the friction there is:
 //!
 //! ```text
-//! n . (X + u) = n . (x_line - C (F - F_before))
+//! n . (X + u) = n . (x_line + d - C (F - F_before))
 //! ```
 //!
-//! one positive definite system for the forces across and, of nodes that stick, along. What the tip cuts acts on the tissue at
+//! one symmetric system for the forces across and, of nodes that stick, along. It is positive definite unless forces along the needle
+//! would buckle it: then C is not, and what holds the needle is told from the signs of the factors (see [`Solved::negative`]). What the tip cuts acts on the tissue at
 //! the tip: shared among the corners of its element by the tip's coordinates there, a node of its own with one force. Which
 //! nodes stick follows from Coulomb's law with bounds that are known beforehand: a linear complementarity problem of a positive
 //! definite matrix, hence with one solution. Nodes whose force passes a bound slip, and those that would slip along with their
@@ -27,8 +28,8 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::Contact;
 use super::slider::Slider;
-use super::spd::Spd;
-use crate::mechanics::needle::CentreLine;
+use crate::mechanics::ldl::Ldl;
+use crate::mechanics::needle::{CentreLine, across};
 
 /// A displacement that the probe prescribes: of which contact, along which direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,7 +59,7 @@ pub(super) struct TipRow {
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     probe_rows: Vec<ProbeRow>,
-    probe: Spd,
+    probe: Ldl,
     /// K_Pn, a column of rows P for each degree of freedom.
     coupling: Vec<f64>,
     /// K_PP^-1 K_Pn, likewise.
@@ -79,13 +80,22 @@ pub(super) struct Joint {
     /// The compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
-    system: Spd,
+    system: Ldl,
     rows: Vec<usize>,
     right: Vec<f64>,
     /// Forces on the tissue in the frames of the contacts, N.
     forces: Vec<f64>,
     /// What a solution was linearised about.
     before: Vec<f64>,
+}
+
+/// How the needle yields along the three directions of each frame.
+#[derive(Debug)]
+pub(super) struct Yielding {
+    /// To further forces, mm/N.
+    pub flexibility: Mat<f64>,
+    /// If no force changes, mm.
+    pub drift: Vec<f64>,
 }
 
 /// What a solution took.
@@ -95,15 +105,14 @@ pub(super) struct Solved {
     pub rounds: usize,
     /// Whether Coulomb's law holds everywhere.
     pub settled: bool,
+    /// Negative pivots of the last system. As many as the tangent stiffness of the needle has: tissue holds it. Fewer: it buckles.
+    pub negative: usize,
 }
 
 /// Axes of a contact: along the shaft, and two across.
 fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
-    let least = tangent.iamin();
-    let mut aside = Vector3::zeros();
-    aside[least] = 1.0;
-    let across = tangent.cross(&aside).normalize();
-    Matrix3::from_columns(&[*tangent, across, tangent.cross(&across)])
+    let [first, second] = across(tangent);
+    Matrix3::from_columns(&[*tangent, first, second])
 }
 
 /// The nodes of the compliance at the contacts that a degree of freedom of the system stands for, with their shares.
@@ -291,21 +300,21 @@ impl Joint {
     }
 
     /// Solves for the forces with the line as it lies, sets the states, and says how it went. `starts` are the arcs (mm) at the
-    /// beginning of this part of the step, where nodes that begin to stick are held; `flexibility` is the needle's (mm/N) for the
-    /// three directions of each of the [frames](Self::frames).
+    /// beginning of this part of the step, where nodes that begin to stick are held; `yields` is the needle's for the three directions
+    /// of each of the [frames](Self::frames).
     pub fn solve(
         &mut self,
         contacts: &mut [Contact],
         mut tip: Option<&mut TipRow>,
         starts: &[f64],
         line: &CentreLine,
-        flexibility: Option<&Mat<f64>>,
+        yields: Option<&Yielding>,
     ) -> Solved {
         let mut solved = Solved::default();
         let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
         while solved.rounds < most {
             solved.rounds += 1;
-            self.solve_once(contacts, tip.as_deref(), starts, line, flexibility);
+            solved.negative = self.solve_once(contacts, tip.as_deref(), starts, line, yields);
             let all = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
             let sliders = contacts
@@ -315,7 +324,7 @@ impl Joint {
             for (at, (reference, slider)) in sliders.chain(last).enumerate() {
                 let place = line.at(starts.get(at).copied().unwrap_or(line.length_mm())).point_mm;
                 let gap = reference + self.displacement(at) - place;
-                let slip = self.frames[at].column(0).dot(&gap) + self.gives(3 * at, flexibility);
+                let slip = self.frames[at].column(0).dot(&gap) + self.gives(3 * at, yields);
                 if let Some(state) = slider.breaks(self.forces[3 * at], slip) {
                     slider.state = state;
                     changed = true;
@@ -332,18 +341,16 @@ impl Joint {
         solved
     }
 
-    /// How far the needle gives way along a row by what the forces have changed, mm.
-    fn gives(&self, row: usize, flexibility: Option<&Mat<f64>>) -> f64 {
-        let Some(flexibility) = flexibility else { return 0.0 };
+    /// How far the needle gives way along a row by what the forces have changed and by what they still make of it, mm.
+    fn gives(&self, row: usize, yields: Option<&Yielding>) -> f64 {
+        let Some(yields) = yields else { return 0.0 };
         let changes = self
             .forces
             .iter()
             .zip(&self.before)
             .map(|(force, before)| force - before);
-        changes
-            .enumerate()
-            .map(|(column, change)| flexibility[(row, column)] * change)
-            .sum()
+        let given = changes.enumerate().map(|(column, change)| yields.flexibility[(row, column)] * change);
+        given.sum::<f64>() - yields.drift[row]
     }
 
     /// Writes the known forces, and the rows of the unknown ones with how far the line is from where they would have it.
@@ -389,8 +396,8 @@ impl Joint {
         tip: Option<&TipRow>,
         starts: &[f64],
         line: &CentreLine,
-        flexibility: Option<&Mat<f64>>,
-    ) {
+        yields: Option<&Yielding>,
+    ) -> usize {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
         for at in (0..n).filter(|at| self.forces[*at] != 0.0) {
@@ -407,20 +414,21 @@ impl Joint {
                 *self.system.entry(i, j) = self.turned[column * n + row];
             }
         }
-        if let Some(flexibility) = flexibility {
+        if let Some(yields) = yields {
             for (j, &column) in self.rows.iter().enumerate() {
                 for (i, &row) in self.rows.iter().enumerate().skip(j) {
-                    *self.system.entry(i, j) += flexibility[(row, column)];
+                    *self.system.entry(i, j) += yields.flexibility[(row, column)];
                 }
                 // Unknown forces are zero so far: what is known has changed, and what was there before is gone.
-                self.right[j] -= self.gives(column, Some(flexibility));
+                self.right[j] -= self.gives(column, Some(yields));
             }
         }
-        self.system.factor();
+        let signs = self.system.factor();
         self.system.solve(&mut self.right);
         for (force, &row) in self.right.iter().zip(&self.rows) {
             self.forces[row] = *force;
         }
+        signs.negative
     }
 
     /// Force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world axes.

@@ -3,8 +3,9 @@
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::Finite;
+use super::joint::Yielding;
 use super::slider::State;
+use super::{Finite, Memory};
 use crate::mechanics::needle::{Load, Row};
 
 /// After so many iterations the forces change by ever less of what is asked: a needle that buckles does not swing for ever.
@@ -99,11 +100,7 @@ impl Finite {
 
     /// Finds forces, states and shape that belong together.
     fn settle(&mut self, base: &Isometry3<f64>) {
-        let base = self.tip.held(base);
-        self.tip.base = Some(base);
-        if self.line.nodes().is_empty() {
-            self.needle.place(&base, None, &[], &mut self.line);
-        }
+        self.carry_line(base);
         self.take_tip();
         self.take_compliance();
         self.keep();
@@ -111,20 +108,17 @@ impl Finite {
         let mut unsettled = 0;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
-            // Both shapes of an iteration take the levers of the forces from the shape before it, so that the second differs from the
-            // first by what the forces change alone, and lies where the solution has it.
             self.memory.before.clone_from(&self.line);
             self.write_arcs();
-            self.place(&base);
             self.bound();
             self.joint.turn(&self.memory.arcs, &self.line, &self.forces);
-            let yields = self.write_flexibility();
+            let ways = self.linearise();
             let solved = self.joint.solve(
                 &mut self.contacts,
                 self.tip.row.as_mut(),
                 &self.memory.starts,
                 &self.line,
-                yields.then_some(&self.flexibility),
+                ways.map(|_| &self.yielding),
             );
             self.memory.forces.clone_from(&self.forces);
             let mut share = if iteration < UNDAMPED {
@@ -133,17 +127,16 @@ impl Finite {
                 UNDAMPED as f64 / (iteration + 1) as f64
             };
             self.take_forces(share);
-            if yields {
-                std::mem::swap(&mut self.line, &mut self.memory.first);
+            if ways.is_some() {
                 loop {
-                    self.line.clone_from(&self.memory.before);
-                    self.place(&base);
-                    let shift = self.line.distance(&self.memory.first);
+                    self.bend();
+                    let shift = self.line.distance(&self.memory.before);
                     if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
                         break;
                     }
                     share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
                     self.take_forces(share);
+                    self.line.clone_from(&self.memory.before);
                 }
             }
             change = self.slide(share).max(self.line.distance(&self.memory.before));
@@ -158,11 +151,20 @@ impl Finite {
         if change.is_nan() || change > self.options.tolerance_mm {
             self.outcome.converged = false;
             if change.is_nan() || change > LOST_MM {
-                self.put_back(&base);
+                self.put_back();
             }
         }
         self.forget_faded();
         self.carry();
+    }
+
+    /// Brings the needle to its base, bent as it is.
+    fn carry_line(&mut self, base: &Isometry3<f64>) {
+        let base = self.tip.held(base);
+        match self.tip.base.replace(base) {
+            Some(before) if self.needle.is_flexible() => self.line.transform(&(base * before.inverse())),
+            _ => self.needle.place(&base, self.entry.as_ref(), &[], &[], &mut self.line),
+        }
     }
 
     /// Forgets the loads of nodes that came off, once the needle lies without them.
@@ -186,8 +188,8 @@ impl Finite {
         kept.tip = self.tip.row.as_ref().map(|row| row.slider);
     }
 
-    /// Gives up a part of a step: forces stay as they were before it, and the needle lies under them where its base is now.
-    fn put_back(&mut self, base: &Isometry3<f64>) {
+    /// Gives up a part of a step: forces and shape stay as they were before it.
+    fn put_back(&mut self) {
         let kept = &self.memory.kept;
         self.line.clone_from(&kept.line);
         self.forces.clone_from(&kept.forces);
@@ -198,7 +200,6 @@ impl Finite {
             row.slider = slider;
         }
         self.write_arcs();
-        self.place(base);
     }
 
     /// Goes a share of the way to the forces of the solution.
@@ -239,8 +240,8 @@ impl Finite {
         self.guide.filter(|_| self.needle.is_flexible())
     }
 
-    /// Bends the needle under the forces at hand.
-    fn place(&mut self, base: &Isometry3<f64>) {
+    /// What bends the needle: the forces at hand.
+    fn write_loads(&mut self) {
         let loads = &mut self.memory.loads;
         loads.clear();
         let pairs = self.memory.arcs.iter().zip(&self.forces);
@@ -254,29 +255,48 @@ impl Finite {
                 force_n: self.tip.bone_force(&self.line),
             });
         }
-        self.needle.place(base, self.entry.as_ref(), loads, &mut self.line);
     }
 
-    /// Writes the flexibility along and across the shaft wherever forces act. Whether there is any.
-    fn write_flexibility(&mut self) -> bool {
-        if !self.needle.is_flexible() || self.memory.arcs.is_empty() {
-            return false;
+    /// Goes one step of the needle's own to where the forces at hand have it, from where it was linearised.
+    fn bend(&mut self) {
+        self.write_loads();
+        let Some(base) = &self.tip.base else { return };
+        let Memory { loads, about, .. } = &self.memory;
+        self.needle
+            .place(base, self.entry.as_ref(), about, loads, &mut self.line);
+    }
+
+    /// Writes how the needle yields along and across the shaft wherever forces act. In how many ways it would buckle were it not
+    /// held; none if it does not bend.
+    fn linearise(&mut self) -> Option<usize> {
+        if !self.needle.is_flexible() {
+            return None;
         }
-        let rows = &mut self.memory.rows;
-        rows.clear();
-        for (arc_mm, frame) in self.memory.arcs.iter().zip(self.joint.frames()) {
-            rows.extend([0, 1, 2].map(|axis| Row {
+        self.write_loads();
+        let memory = &mut self.memory;
+        std::mem::swap(&mut memory.loads, &mut memory.about);
+        if memory.arcs.is_empty() {
+            return Some(0);
+        }
+        memory.rows.clear();
+        for (arc_mm, frame) in memory.arcs.iter().zip(self.joint.frames()) {
+            memory.rows.extend([0, 1, 2].map(|axis| Row {
                 arc_mm: *arc_mm,
                 direction: frame.column(axis).into_owned(),
             }));
         }
-        if self.flexibility.nrows() == rows.len() {
-            self.flexibility.fill(0.0);
+        let Yielding { flexibility, drift } = &mut self.yielding;
+        let count = memory.rows.len();
+        drift.resize(count, 0.0);
+        if flexibility.nrows() == count {
+            flexibility.fill(0.0);
         } else {
-            self.flexibility = Mat::zeros(rows.len(), rows.len());
+            *flexibility = Mat::zeros(count, count);
         }
-        self.needle.flexibility(&self.line, rows, &mut self.flexibility);
-        true
+        Some(
+            self.needle
+                .linearise(&self.line, &memory.about, &memory.rows, drift, flexibility),
+        )
     }
 
     /// Takes in the compliance at the contacts, if it has changed, and the tissue at the tip.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::contact::Contact;
 use super::{Finite, Nearby, Tip};
 use crate::mechanics::insertion::{Saved, StepError};
-use crate::mechanics::needle::Entry;
+use crate::mechanics::needle::{CentreLine, Entry};
 use crate::mechanics::tissue::remesh::RemeshError;
 
 /// All that a step depends on.
@@ -19,7 +19,7 @@ struct State {
     base: Option<Isometry3<f64>>,
     /// The pose of the probe, and which candidates touch it.
     probe: Option<(Option<Isometry3<f64>>, Vec<bool>)>,
-    line: Vec<(f64, Point3<f64>)>,
+    line: CentreLine,
     entry: Option<(Point3<f64>, Vector3<f64>)>,
     guide: Option<Point3<f64>>,
     contacts: Vec<Contact>,
@@ -48,7 +48,7 @@ impl Finite {
                 .press
                 .as_ref()
                 .map(|press| (press.pose, press.touching_list().to_vec())),
-            line: self.line.nodes().to_vec(),
+            line: self.line.clone(),
             entry: self.entry.map(|entry| (entry.point_mm, entry.direction.into_inner())),
             guide: self.guide,
             contacts: self.contacts.clone(),
@@ -85,9 +85,8 @@ impl Finite {
             return Err(StepError::Foreign("its probe has other candidates".to_owned()));
         }
         self.move_nodes(&state.moved)?;
-        let State { line, entry, .. } = &state;
-        self.line.set(line.iter().copied());
-        self.entry = entry.map(|(point_mm, direction)| Entry {
+        self.line.clone_from(&state.line);
+        self.entry = state.entry.map(|(point_mm, direction)| Entry {
             point_mm,
             direction: Unit::new_unchecked(direction),
         });

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use faer::Mat;
 use nalgebra::Vector3;
 
+use super::joint::Yielding;
 use super::{Finite, Interactions, Joint, Memory, Nearby, Outcome, Press, Tip};
 use crate::mechanics::insertion::{Interaction, InvalidInteraction, ProbeContact};
 use crate::mechanics::mesh::{Locator, TetMesh};
@@ -233,7 +234,10 @@ impl Setup {
             condensed: None,
             nearby: Nearby::default(),
             carried: Vec::new(),
-            flexibility: Mat::new(),
+            yielding: Yielding {
+                flexibility: Mat::new(),
+                drift: Vec::new(),
+            },
             memory: Memory::default(),
         };
         finite.name_contacts();

@@ -26,11 +26,13 @@ impl Needle for Straight {
         false
     }
 
-    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         line.set([0.0, self.length].map(|arc| (arc, base * Point3::new(0.0, 0.0, arc))));
     }
 
-    fn flexibility(&mut self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut Mat<f64>) -> usize {
+        0
+    }
 }
 
 /// A block of tissue, 60 x 60 mm across, from z = 0 (free) to 80 (fixed), shaken a little.

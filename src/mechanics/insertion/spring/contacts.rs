@@ -16,10 +16,10 @@
 use faer::Mat;
 use nalgebra::{Unit, Vector3};
 
-use super::cholesky;
 use super::network::Network;
 use crate::mechanics::insertion::Interaction;
-use crate::mechanics::needle::{CentreLine, Load, Needle, Row};
+use crate::mechanics::ldl::Ldl;
+use crate::mechanics::needle::{CentreLine, Load, Needle, Row, across};
 
 /// Arcs that differ by less are one, mm.
 pub(super) const SAME_ARC_MM: f64 = 1e-9;
@@ -58,7 +58,8 @@ pub(super) struct Contacts {
     misses: Vec<Vector3<f64>>,
     rows: Vec<Row>,
     flexibility: Mat<f64>,
-    system: Vec<f64>,
+    drift: Vec<f64>,
+    system: Ldl,
     across: Vec<f64>,
 }
 
@@ -71,7 +72,8 @@ impl Contacts {
             misses: Vec::with_capacity(most),
             rows: Vec::with_capacity(2 * most),
             flexibility: Mat::new(),
-            system: Vec::new(),
+            drift: Vec::with_capacity(2 * most),
+            system: Ldl::default(),
             across: Vec::with_capacity(2 * most),
         }
     }
@@ -186,8 +188,9 @@ impl Contacts {
         let count = self.rows.len();
         self.flexibility.resize_with(count, count, |_, _| 0.0);
         self.flexibility.fill(0.0);
-        needle.flexibility(line, &self.rows, &mut self.flexibility);
-        self.system.clear();
+        self.drift.resize(count, 0.0);
+        needle.linearise(line, &[], &self.rows, &mut self.drift, &mut self.flexibility);
+        self.system.start(count);
         self.across.clear();
         for row in 0..count {
             let contact = &self.stack[row / 2];
@@ -198,11 +201,13 @@ impl Contacts {
                 right += self.flexibility[(row, column)] * before;
             }
             self.across.push(right);
-            let entries = (0..count).map(|column| self.flexibility[(row, column)]);
-            self.system.extend(entries);
-            self.system[row * count + row] += yielding;
+            for column in 0..=row {
+                *self.system.entry(row, column) = self.flexibility[(row, column)];
+            }
+            *self.system.entry(row, row) += yielding;
         }
-        cholesky::solve(&mut self.system, &mut self.across);
+        self.system.factor();
+        self.system.solve(&mut self.across);
         for (row, force) in self.across.iter().enumerate() {
             let contact = &self.stack[row / 2];
             let yielding = network.reach(contact.node, h);
@@ -211,15 +216,4 @@ impl Contacts {
             self.misses[row / 2] += direction * (force * yielding - miss);
         }
     }
-}
-
-/// Two directions across a shaft.
-fn across(tangent: &Unit<Vector3<f64>>) -> [Vector3<f64>; 2] {
-    let axis = match tangent.iamin() {
-        0 => Vector3::x(),
-        1 => Vector3::y(),
-        _ => Vector3::z(),
-    };
-    let first = tangent.cross(&axis).normalize();
-    [first, tangent.cross(&first)]
 }

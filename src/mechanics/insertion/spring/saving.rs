@@ -122,6 +122,7 @@ fn put_body(to: &mut Words, body: &Body) {
         to.real(*arc);
         to.vector(&point.coords);
     });
+    to.list(body.line.turns(), Words::vector);
     to.optional(body.entry, |to, entry| {
         to.vector(&entry.point_mm.coords);
         to.vector(&entry.direction);
@@ -145,12 +146,13 @@ fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
     let (step, time_s) = (from.whole()?, from.real()?);
     let base = from.optional(Reader::pose)?;
     let nodes = from.list(|from| Ok((from.real()?, from.point()?)))?;
+    let turns = from.list(Reader::vector)?;
     if nodes.len() == 1 || nodes.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
         return Err("the needle's arcs do not rise".into());
     }
     let mut line = CentreLine::default();
     if !nodes.is_empty() {
-        line.set(nodes);
+        line.set_turned(nodes, &turns);
     }
     let entry = from.optional(|from| {
         Ok(Entry {

@@ -57,7 +57,7 @@ impl MassSpring {
         let base = held(hand);
         self.contacts.loads(&mut self.loads);
         let (entry, line) = (self.body.entry.as_ref(), &mut self.body.line);
-        self.needle.place(&base, entry, &self.loads, line);
+        self.needle.place(&base, entry, &self.loads, &self.loads, line);
         let moved = base.translation.vector - held(hand_before).translation.vector;
         moved.dot(&(base * Vector3::z()))
     }

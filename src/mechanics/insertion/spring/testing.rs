@@ -24,12 +24,14 @@ impl Needle for Stiff {
         false
     }
 
-    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         let at = |z: f64| base * Point3::new(0.0, 0.0, z);
         line.set([(0.0, at(0.0)), (self.0, at(self.0))]);
     }
 
-    fn flexibility(&mut self, _: &CentreLine, _: &[Row], _: &mut Mat<f64>) {}
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut Mat<f64>) -> usize {
+        0
+    }
 }
 
 /// A needle that bends as a clamped beam does, a little: deflections of its straight line, by the closed form.
@@ -61,7 +63,7 @@ impl Needle for Beam {
         true
     }
 
-    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, loads: &[Load], line: &mut CentreLine) {
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], loads: &[Load], line: &mut CentreLine) {
         let along = base * nalgebra::Vector3::z();
         line.set((0..=30).map(|node| {
             let arc = self.length_mm * node as f64 / 30.0;
@@ -74,12 +76,14 @@ impl Needle for Beam {
         }));
     }
 
-    fn flexibility(&mut self, _: &CentreLine, rows: &[Row], out: &mut Mat<f64>) {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], rows: &[Row], drift: &mut [f64], out: &mut Mat<f64>) -> usize {
+        drift.fill(0.0);
         for (i, a) in rows.iter().enumerate() {
             for (j, b) in rows.iter().enumerate() {
                 out[(i, j)] += a.direction.dot(&b.direction) * self.yielding(a.arc_mm, b.arc_mm);
             }
         }
+        0
     }
 }
 

@@ -1,0 +1,190 @@
+//! Small symmetric systems: A = L D L^T, without exchange of rows.
+//!
+//! Definite matrices need none. Those of needles that would buckle if nothing held them are indefinite by some pivots; their
+//! number is what tells whether tissue holds them (Sylvester's law of inertia). Each solution is one step of an iteration that
+//! corrects what rounding may do to it.
+
+use crate::simd::{Kernel, vectorised};
+
+/// The smallest pivot relative to its diagonal entry: where less is left of a row, its unknown is hardly determined beside the
+/// others, and it is left out. Rounding divided by it still leaves forces better than 1e-7.
+const DEPENDENT: f64 = 1e-9;
+
+/// A factor, column by column; the memory is kept for the next.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Ldl {
+    size: usize,
+    entries: Vec<f64>,
+    /// Reciprocals of D; 0 for a row that is left out.
+    reciprocals: Vec<f64>,
+}
+
+/// The signs of D.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Signs {
+    /// Rows left out because they depend on those before.
+    pub dependent: usize,
+    /// Negative ones.
+    pub negative: usize,
+}
+
+impl Ldl {
+    /// Starts a matrix of zeros.
+    pub fn start(&mut self, size: usize) {
+        self.size = size;
+        self.entries.clear();
+        self.entries.resize(size * size, 0.0);
+    }
+
+    /// The entry below or on the diagonal.
+    pub fn entry(&mut self, row: usize, column: usize) -> &mut f64 {
+        debug_assert!(row >= column);
+        &mut self.entries[column * self.size + row]
+    }
+
+    /// Factors the lower triangle in place.
+    pub fn factor(&mut self) -> Signs {
+        vectorised(Factor(self))
+    }
+
+    /// Solves in place; rows left out come out as zero.
+    pub fn solve(&self, x: &mut [f64]) {
+        let n = self.size;
+        self.forward(x, 1);
+        for j in (0..n).rev() {
+            let below = &self.entries[j * n + j + 1..(j + 1) * n];
+            let sum: f64 = x[j + 1..].iter().zip(below).map(|(x, y)| x * y).sum();
+            let scaled = x[j] * self.reciprocals[j];
+            x[j] = if self.reciprocals[j] == 0.0 { 0.0 } else { scaled - sum };
+        }
+    }
+
+    /// `L^-1 X` in place, X of `width` columns, row by row.
+    pub fn forward(&self, x: &mut [f64], width: usize) {
+        debug_assert_eq!(x.len(), self.size * width);
+        vectorised(Forward(self, x, width));
+    }
+
+    /// Reciprocals of D; 0 for a row that is left out.
+    pub fn reciprocals(&self) -> &[f64] {
+        &self.reciprocals
+    }
+}
+
+struct Factor<'a>(&'a mut Ldl);
+
+impl Kernel for Factor<'_> {
+    type Output = Signs;
+
+    #[inline(always)]
+    fn run(self) -> Signs {
+        let Ldl {
+            size: n,
+            ref mut entries,
+            ref mut reciprocals,
+        } = *self.0;
+        reciprocals.clear();
+        let mut signs = Signs::default();
+        for j in 0..n {
+            let (before, rest) = entries.split_at_mut(j * n);
+            let column = &mut rest[j..n];
+            let diagonal = column[0].abs();
+            for (other, reciprocal) in before.chunks_exact(n).zip(reciprocals.iter()) {
+                // A row left out has a column of zeros.
+                let pivot = if *reciprocal == 0.0 { 0.0 } else { 1.0 / reciprocal };
+                let factor = other[j] * pivot;
+                column.iter_mut().zip(&other[j..]).for_each(|(x, y)| *x -= factor * y);
+            }
+            let pivot = column[0];
+            // A NaN is no pivot either.
+            if pivot.abs() > DEPENDENT * diagonal && pivot.is_finite() {
+                signs.negative += usize::from(pivot < 0.0);
+                reciprocals.push(1.0 / pivot);
+                column.iter_mut().for_each(|x| *x /= pivot);
+            } else {
+                signs.dependent += 1;
+                reciprocals.push(0.0);
+                column.fill(0.0);
+            }
+        }
+        signs
+    }
+}
+
+struct Forward<'a>(&'a Ldl, &'a mut [f64], usize);
+
+impl Kernel for Forward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Forward(Ldl { size: n, entries, .. }, x, width) = self;
+        for j in 0..*n {
+            let (done, below) = x.split_at_mut((j + 1) * width);
+            let row = &done[j * width..];
+            let factors = &entries[j * n + j + 1..(j + 1) * n];
+            for (factor, other) in factors.iter().zip(below.chunks_exact_mut(width)) {
+                other.iter_mut().zip(row).for_each(|(x, y)| *x -= factor * y);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn factored(entries: &[&[f64]]) -> (Ldl, Signs) {
+        let mut ldl = Ldl::default();
+        ldl.start(entries.len());
+        for (i, row) in entries.iter().enumerate() {
+            row.iter().enumerate().for_each(|(j, x)| *ldl.entry(i, j) = *x);
+        }
+        let signs = ldl.factor();
+        (ldl, signs)
+    }
+
+    fn assert_solves(ldl: &Ldl, mut right: [f64; 3], expected: [f64; 3]) {
+        ldl.solve(&mut right);
+        let near = |(x, expected): (&f64, f64)| (x - expected).abs() < 1e-14;
+        assert!(right.iter().zip(expected).all(near), "{right:?}");
+    }
+
+    #[test]
+    fn systems_are_solved_and_dependent_rows_left_out() {
+        let (ldl, signs) = factored(&[&[4.0], &[2.0, 5.0], &[2.0, 3.0, 6.0]]);
+        assert_eq!(signs, Signs::default());
+        assert_solves(&ldl, [10.0, 7.0, 10.0], [2.0, 0.0, 1.0]);
+
+        // The second row is the first again.
+        let (ldl, signs) = factored(&[&[4.0], &[4.0, 4.0 + 1e-12], &[2.0, 2.0, 5.0]]);
+        assert_eq!((signs.dependent, signs.negative), (1, 0));
+        assert_solves(&ldl, [10.0, 10.0, 9.0], [2.0, 0.0, 1.0]);
+        let (ldl, signs) = factored(&[&[f64::NAN]]);
+        assert_eq!((signs.dependent, signs.negative), (1, 0));
+        let mut x = [1.0];
+        ldl.solve(&mut x);
+        assert_eq!(x, [0.0]);
+    }
+
+    #[test]
+    fn indefinite_systems_are_solved_and_their_signs_counted() {
+        // The determinants of the leading minors are 1, -3 and -15.
+        let (ldl, signs) = factored(&[&[1.0], &[2.0, 1.0], &[-1.0, 1.0, 3.0]]);
+        assert_eq!((signs.dependent, signs.negative), (0, 1));
+        assert_solves(&ldl, [6.0, 3.0, -2.0], [1.0, 2.0, -1.0]);
+    }
+
+    #[test]
+    fn rows_of_several_columns_go_forward_together() {
+        let (ldl, _) = factored(&[&[4.0], &[2.0, 5.0], &[2.0, 3.0, 6.0]]);
+        let mut x = [1.0, 8.0, 2.0, 4.0, 3.0, 0.0];
+        ldl.forward(&mut x, 2);
+        for column in 0..2 {
+            let mut single = [1.0, 2.0, 3.0, 8.0, 4.0, 0.0];
+            let single = &mut single[3 * column..3 * column + 3];
+            ldl.forward(single, 1);
+            assert_eq!([x[column], x[2 + column], x[4 + column]], single);
+        }
+    }
+}

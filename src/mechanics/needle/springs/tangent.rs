@@ -1,0 +1,210 @@
+//! How joints turn under forces whose levers follow them: the tangent stiffness of a chain of links.
+//!
+//! With theta the turns of all joints, `kappa theta = tau(theta)` at rest, tau_k = sum (x - x_k) x f over the forces beyond joint k.
+//! The levers change as joints turn,
+//!
+//! ```text
+//! d tau_j / d theta_k = G_jk = N_max(j,k) - tr(N) I,    N_k = sum (x - x_k) f^T over the forces beyond joint k
+//! ```
+//!
+//! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G` is singular
+//! where the forces buckle the needle.
+
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::mechanics::ldl::Ldl;
+use crate::mechanics::needle::chain::Chain;
+use crate::mechanics::needle::{CentreLine, Load, Row, across};
+use crate::simd::{Kernel, vectorised};
+
+/// Forces of more than this along an axis count as this, N: so that no product of them overflows.
+const MAX_FORCE_N: f64 = 1e60;
+
+/// Forces between a joint and the tip.
+#[derive(Clone, Copy, Debug, Default)]
+struct Beyond {
+    force: Vector3<f64>,
+    /// N, N mm.
+    moments: Matrix3<f64>,
+}
+
+impl Beyond {
+    /// sum (x - x_k) x f.
+    fn torque(&self) -> Vector3<f64> {
+        let m = &self.moments;
+        Vector3::new(m.m23 - m.m32, m.m31 - m.m13, m.m12 - m.m21)
+    }
+
+    /// N - tr(N) I.
+    fn geometric(&self) -> Matrix3<f64> {
+        self.moments - Matrix3::from_diagonal_element(self.moments.trace())
+    }
+}
+
+/// The tangent stiffness of the shape that a line has under some loads. The memory is kept.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tangent {
+    beyond: Vec<Beyond>,
+    /// The two axes that each joint turns about, across the link before it.
+    axes: Vec<[Vector3<f64>; 2]>,
+    /// kappa - G about these axes.
+    stiffness: Ldl,
+    /// Sums of other loads.
+    under: Vec<Beyond>,
+    turns: Vec<f64>,
+    /// How far each row moves by a turn about each axis, mm/rad, row by row of axes.
+    moves: Vec<f64>,
+}
+
+impl Tangent {
+    /// Of joints of `kappa` (N mm/rad). In how many ways the loads would buckle the needle, did nothing else hold it.
+    pub fn set(&mut self, chain: &Chain, line: &CentreLine, kappa: f64, loads: &[Load]) -> usize {
+        sum_up(chain, line, loads, &mut self.beyond);
+        let nodes = line.nodes();
+        self.axes.clear();
+        let links = chain.joints().iter().map(|&node| nodes[node].1 - nodes[node - 1].1);
+        self.axes.extend(links.map(|link| across(&link.normalize())));
+        self.stiffness.start(2 * self.axes.len());
+        for (far, (axes, beyond)) in self.axes.iter().zip(&self.beyond).enumerate() {
+            let geometric = beyond.geometric();
+            for (b, axis) in axes.iter().enumerate() {
+                let turned = geometric * axis;
+                for (near, others) in self.axes[..far].iter().enumerate() {
+                    for (a, other) in others.iter().enumerate() {
+                        *self.stiffness.entry(2 * far + b, 2 * near + a) = -other.dot(&turned);
+                    }
+                }
+                let turned = symmetric(&geometric) * axis;
+                for (a, other) in axes[..=b].iter().enumerate() {
+                    let spring = if a == b { kappa } else { 0.0 };
+                    *self.stiffness.entry(2 * far + b, 2 * far + a) = spring - other.dot(&turned);
+                }
+            }
+        }
+        self.stiffness.factor().negative
+    }
+
+    /// Takes a step of Newton's method from the shape of the line to that under `loads`.
+    pub fn step(&mut self, chain: &Chain, line: &CentreLine, loads: &[Load]) {
+        sum_up(chain, line, loads, &mut self.under);
+        // (kappa - G) theta = tau - G theta_before: exactly zero without loads.
+        let mut carried: Vector3<f64> = line.turns().iter().sum();
+        let mut beyond = Vector3::zeros();
+        self.turns.clear();
+        self.turns.resize(2 * self.axes.len(), 0.0);
+        for joint in (0..self.axes.len()).rev() {
+            let turn = line.turns()[joint];
+            let geometric = self.beyond[joint].geometric();
+            carried -= turn;
+            let followed = beyond + geometric.tr_mul(&carried) + symmetric(&geometric) * turn;
+            beyond += geometric * turn;
+            let torque = self.under[joint].torque() - followed;
+            for (a, axis) in self.axes[joint].iter().enumerate() {
+                self.turns[2 * joint + a] = axis.dot(&torque);
+            }
+        }
+        self.stiffness.solve(&mut self.turns);
+    }
+
+    /// The turn of a joint after the last step.
+    pub fn turn(&self, joint: usize) -> Vector3<f64> {
+        self.axes[joint][0] * self.turns[2 * joint] + self.axes[joint][1] * self.turns[2 * joint + 1]
+    }
+
+    /// Writes how far each row moves by a turn of each joint.
+    pub fn set_moves(&mut self, chain: &Chain, line: &CentreLine, rows: &[Row]) {
+        let (nodes, width) = (line.nodes(), rows.len());
+        self.moves.clear();
+        self.moves.resize(2 * self.axes.len() * width, 0.0);
+        for (column, row) in rows.iter().enumerate() {
+            let point = line.at(row.arc_mm).point_mm;
+            let joints = &chain.joints()[..chain.joints_before(row.arc_mm)];
+            for (joint, &node) in joints.iter().enumerate() {
+                let moved = (point - nodes[node].1).cross(&row.direction);
+                for (a, axis) in self.axes[joint].iter().enumerate() {
+                    self.moves[(2 * joint + a) * width + column] = axis.dot(&moved);
+                }
+            }
+        }
+    }
+
+    /// How far the last step moves each row, linearised, mm.
+    pub fn drift(&self, line: &CentreLine, out: &mut [f64]) {
+        out.fill(0.0);
+        let before = line.turns().iter().zip(&self.axes);
+        let before = before.flat_map(|(turn, axes)| axes.map(|axis| axis.dot(turn)));
+        let steps = self.turns.iter().zip(before).map(|(turn, before)| turn - before);
+        for (moves, step) in self.moves.chunks_exact(out.len()).zip(steps) {
+            out.iter_mut().zip(moves).for_each(|(out, moved)| *out += step * moved);
+        }
+    }
+
+    /// Adds the rows' flexibility. Their moves are spent.
+    pub fn add_flexibility(&mut self, out: &mut Mat<f64>) {
+        self.stiffness.forward(&mut self.moves, out.nrows());
+        vectorised(AddSquares {
+            rows: &self.moves,
+            weights: self.stiffness.reciprocals(),
+            out,
+        });
+    }
+}
+
+/// `out += X^T D X` of rows X.
+struct AddSquares<'a> {
+    rows: &'a [f64],
+    weights: &'a [f64],
+    out: &'a mut Mat<f64>,
+}
+
+impl Kernel for AddSquares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let width = self.out.nrows();
+        for column in 0..width {
+            let Some(out) = self.out.as_mut().col_mut(column).try_as_col_major_mut() else {
+                continue;
+            };
+            let out = &mut out.as_slice_mut()[column..];
+            for (row, weight) in self.rows.chunks_exact(width).zip(self.weights) {
+                let factor = row[column] * weight;
+                out.iter_mut().zip(&row[column..]).for_each(|(out, x)| *out += factor * x);
+            }
+        }
+        for column in 0..width {
+            for row in 0..column {
+                self.out[(row, column)] = self.out[(column, row)];
+            }
+        }
+    }
+}
+
+/// Sums of the loads beyond each joint.
+fn sum_up(chain: &Chain, line: &CentreLine, loads: &[Load], sums: &mut Vec<Beyond>) {
+    let (nodes, joints) = (line.nodes(), chain.joints());
+    sums.clear();
+    sums.resize(joints.len(), Beyond::default());
+    for load in loads {
+        if let Some(last) = chain.joints_before(load.arc_mm).checked_sub(1) {
+            let force = load.force_n.map(|part| part.clamp(-MAX_FORCE_N, MAX_FORCE_N));
+            let from_base = line.at(load.arc_mm).point_mm - nodes[0].1;
+            sums[last].force += force;
+            sums[last].moments += from_base * force.transpose();
+        }
+    }
+    for joint in (1..sums.len()).rev() {
+        let Beyond { force, moments } = sums[joint];
+        sums[joint - 1].force += force;
+        sums[joint - 1].moments += moments;
+    }
+    for (sum, &node) in sums.iter_mut().zip(joints) {
+        sum.moments -= (nodes[node].1 - nodes[0].1) * sum.force.transpose();
+    }
+}
+
+fn symmetric(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+    (matrix + matrix.transpose()) * 0.5
+}
