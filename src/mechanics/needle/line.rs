@@ -50,7 +50,11 @@ impl CentreLine {
     }
 
     /// The same, of a needle whose joints turn by `turns`.
-    pub(in crate::mechanics) fn set_turned(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>, turns: &[Vector3<f64>]) {
+    pub(in crate::mechanics) fn set_turned(
+        &mut self,
+        nodes: impl IntoIterator<Item = (f64, Point3<f64>)>,
+        turns: &[Vector3<f64>],
+    ) {
         self.nodes.clear();
         self.nodes.extend(nodes);
         self.turns.clear();

@@ -163,7 +163,14 @@ impl Needle for Springs {
         });
     }
 
-    fn linearise(&mut self, line: &CentreLine, loads: &[Load], rows: &[Row], drift: &mut [f64], out: &mut Mat<f64>) -> usize {
+    fn linearise(
+        &mut self,
+        line: &CentreLine,
+        loads: &[Load],
+        rows: &[Row],
+        drift: &mut [f64],
+        out: &mut Mat<f64>,
+    ) -> usize {
         if !self.chain.fits(line) {
             return 0;
         }
@@ -175,4 +182,3 @@ impl Needle for Springs {
         ways
     }
 }
-

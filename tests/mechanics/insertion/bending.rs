@@ -5,7 +5,7 @@ use insonify::mechanics::needle::{Bevel, Needle, Shaft, Springs, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::support::{LENGTH, USUAL, assert_finite, build, mirrored, on_table, tip_at};
+use super::support::{LENGTH, USUAL, assert_finite, block, build, go, mirrored, on_table, tip_at};
 
 /// The middle of the block: nothing but the bevel draws the needle aside.
 const MIDDLE: [f64; 2] = [30.0, 30.0];
@@ -115,4 +115,41 @@ fn the_deflection_of_the_pvc_experiment() {
     assert!((sweep[1] - 10.4).abs() < 1.5, "{sweep:?}");
     assert!(sweep[0] < 0.8 * sweep[1] && sweep[2] > 1.2 * sweep[1], "{sweep:?}");
     assert!(deflection(0.6, 70.0) < 0.6 * sweep[1]);
+}
+
+/// A needle that cannot break hard skin bows as a column, clamped in the hand and pinned where it touches: at Euler's load, which
+/// for such a column is EI (4.4934 / L)^2 with tan 4.4934 = 4.4934, and then under little more (the elastica's load rises slowly).
+/// When the skin gives way after all it straightens again.
+#[test]
+fn a_needle_that_cannot_enter_bows_at_eulers_load() {
+    let stiffness = Stiffness::default();
+    let skin = |puncture_n| Interaction { puncture_n, ..USUAL };
+    let bow = |puncture_n: f64, kpa: f64, depth: f64| {
+        let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), skin(puncture_n));
+        setup.materials.fill(Material::new(kpa, 0.45).expect("a material"));
+        setup.needle = springs(0.2, stiffness);
+        let mut finite = build(setup);
+        for step in 0..=(20.0 * depth) as usize {
+            let outcome = go(&mut finite, 0.05 * step as f64);
+            assert_finite(&outcome);
+            assert!(outcome.converged, "at {} mm", 0.05 * step as f64);
+        }
+        finite.outcome().clone()
+    };
+    // Bone-hard tissue yields to neither force nor moment but at the pin.
+    let euler = stiffness.bending_nmm2() * (4.4934 / LENGTH).powi(2);
+    let outcome = bow(1e3, 2e3, 4.0);
+    let load = outcome.on_hand.force_n.norm();
+    assert!((load / euler - 1.0).abs() < 0.04, "{load} N, Euler's {euler} N");
+    // It does not shorten: what the hand went on is the length of the bow.
+    assert!(outcome.tip_deflection_mm > 3.0 && outcome.contacts == 1, "{outcome:?}");
+    // Below that load it stays straight but for its bevel.
+    let straight = bow(1e3, 10.0, 4.0);
+    assert!(straight.on_hand.force_n.norm() < 0.5 * euler);
+
+    let through = bow(0.9 * euler, 200.0, 12.0);
+    assert!(
+        through.inserted_mm > 9.0 && through.tip_deflection_mm < 2.0,
+        "{through:?}"
+    );
 }

@@ -349,7 +349,9 @@ impl Joint {
             .iter()
             .zip(&self.before)
             .map(|(force, before)| force - before);
-        let given = changes.enumerate().map(|(column, change)| yields.flexibility[(row, column)] * change);
+        let given = changes
+            .enumerate()
+            .map(|(column, change)| yields.flexibility[(row, column)] * change);
         given.sum::<f64>() - yields.drift[row]
     }
 

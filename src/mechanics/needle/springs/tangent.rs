@@ -171,7 +171,9 @@ impl Kernel for AddSquares<'_> {
             let out = &mut out.as_slice_mut()[column..];
             for (row, weight) in self.rows.chunks_exact(width).zip(self.weights) {
                 let factor = row[column] * weight;
-                out.iter_mut().zip(&row[column..]).for_each(|(out, x)| *out += factor * x);
+                out.iter_mut()
+                    .zip(&row[column..])
+                    .for_each(|(out, x)| *out += factor * x);
             }
         }
         for column in 0..width {

@@ -133,7 +133,10 @@ fn linearisation_is_what_forces_move() {
         let mut line = CentreLine::default();
         settle(&mut needle, &base, &loads, &mut line);
         let turned = line.at(0.0).tangent.angle(&line.at(190.0).tangent);
-        assert!((bend == 0.0) == (turned < 1e-9) && turned * turned <= tolerance, "{turned}");
+        assert!(
+            (bend == 0.0) == (turned < 1e-9) && turned * turned <= tolerance,
+            "{turned}"
+        );
         let found = flexibility(&mut needle, &line, &loads, &rows);
         let size = rows.len();
         let largest = (0..size).map(|i| found[(i, i)]).fold(0.0, f64::max);
@@ -185,7 +188,15 @@ fn ways_to_buckle_are_counted() {
     let mut line = CentreLine::default();
     settle(&mut needle, &base, &[], &mut line);
     // Each in two planes; (2 n - 1)^2 times the first. Links of finite length buckle a little earlier.
-    for (share, ways) in [(-20.0, 0), (0.5, 0), (0.98, 0), (1.02, 2), (8.8, 2), (9.2, 4), (26.0, 6)] {
+    for (share, ways) in [
+        (-20.0, 0),
+        (0.5, 0),
+        (0.98, 0),
+        (1.02, 2),
+        (8.8, 2),
+        (9.2, 4),
+        (26.0, 6),
+    ] {
         let axis = base.rotation * Vector3::z();
         let loads = [load(LENGTH, (axis * (-share * buckling)).into())];
         let (mut drift, mut out) = ([0.0], Mat::zeros(1, 1));
