@@ -95,9 +95,10 @@ struct Memory {
     dofs: Vec<usize>,
 }
 
-/// What a part of a step begins with.
+/// What an attempt begins with.
 #[derive(Debug, Default)]
 struct Kept {
+    base: Option<Isometry3<f64>>,
     line: CentreLine,
     forces: Vec<Vector3<f64>>,
     /// Arcs and states.

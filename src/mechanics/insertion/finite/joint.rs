@@ -16,7 +16,7 @@
 //! ```
 //!
 //! one symmetric system for the forces across and, of nodes that stick, along. It is positive definite unless forces along the needle
-//! would buckle it: then C is not, and what holds the needle is told from the signs of the factors (see [`Solved::negative`]). What the tip cuts acts on the tissue at
+//! would buckle it: then C is not, and what holds the needle is told from the signs of the factors (see [`Solved::signs`]). What the tip cuts acts on the tissue at
 //! the tip: shared among the corners of its element by the tip's coordinates there, a node of its own with one force. Which
 //! nodes stick follows from Coulomb's law with bounds that are known beforehand: a linear complementarity problem of a positive
 //! definite matrix, hence with one solution. Nodes whose force passes a bound slip, and those that would slip along with their
@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::Contact;
 use super::slider::Slider;
-use crate::mechanics::ldl::Ldl;
+use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
 /// A displacement that the probe prescribes: of which contact, along which direction.
@@ -105,8 +105,9 @@ pub(super) struct Solved {
     pub rounds: usize,
     /// Whether Coulomb's law holds everywhere.
     pub settled: bool,
-    /// Negative pivots of the last system. As many as the tangent stiffness of the needle has: tissue holds it. Fewer: it buckles.
-    pub negative: usize,
+    /// Of the last system. With as many negative ones as the tangent stiffness of the needle has, tissue holds it; with fewer it
+    /// buckles.
+    pub signs: Signs,
 }
 
 /// Axes of a contact: along the shaft, and two across.
@@ -314,7 +315,7 @@ impl Joint {
         let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
         while solved.rounds < most {
             solved.rounds += 1;
-            solved.negative = self.solve_once(contacts, tip.as_deref(), starts, line, yields);
+            solved.signs = self.solve_once(contacts, tip.as_deref(), starts, line, yields);
             let all = solved.rounds <= ROUNDS_AT_ONCE;
             let mut changed = false;
             let sliders = contacts
@@ -399,7 +400,7 @@ impl Joint {
         starts: &[f64],
         line: &CentreLine,
         yields: Option<&Yielding>,
-    ) -> usize {
+    ) -> Signs {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
         for at in (0..n).filter(|at| self.forces[*at] != 0.0) {
@@ -430,7 +431,7 @@ impl Joint {
         for (force, &row) in self.right.iter().zip(&self.rows) {
             self.forces[row] = *force;
         }
-        signs.negative
+        signs
     }
 
     /// Force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world axes.

@@ -16,10 +16,24 @@ const FARTHEST_MM: f64 = 5.0;
 const MOST_UNSETTLED: usize = 3;
 /// The least share of the way to a solution that an iteration goes.
 const LEAST_SHARE: f64 = 1e-3;
-/// A part of a step that still moves by more when its iterations end is given up, mm.
+/// What still moves by more when its iterations end is given up, mm.
 const LOST_MM: f64 = 0.1;
+/// Halves of a way that does not settle are halved again while they are longer, mm,
+const LEAST_PART_MM: f64 = 0.01;
+/// and while all attempts together have taken no more than so many times the iterations of one.
+const MOST_ATTEMPTS: usize = 6;
 /// A load that fades is gone below this, N.
 const FADED_N: f64 = 1e-12;
+
+/// What iterations have ended at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Found {
+    /// An equilibrium that holds.
+    Rest,
+    /// Almost one, or one that a touch would end: the needle buckles.
+    Near,
+    Nothing,
+}
 
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
@@ -98,12 +112,46 @@ impl Finite {
         }
     }
 
-    /// Finds forces, states and shape that belong together.
+    /// Brings the needle to a base and settles it there, in halves if it would jump or swing.
     fn settle(&mut self, base: &Isometry3<f64>) {
-        self.carry_line(base);
+        let most = self.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
+        let base = self.tip.held(base);
+        self.settle_within(&base, most);
+    }
+
+    fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
+        let from = self.tip.base;
+        let found = self.attempt(base);
+        if found == Found::Rest {
+            return;
+        }
+        let from = from.filter(|from| farthest(from, base, self.needle.length_mm()) > LEAST_PART_MM);
+        if let Some(from) = from.filter(|_| self.outcome.iterations < most) {
+            self.put_back();
+            let middle = from.lerp_slerp(base, 0.5);
+            self.settle_within(&middle, most);
+            let arcs = self.contacts.iter().map(|contact| contact.arc);
+            self.memory.starts.clear();
+            self.memory.starts.extend(arcs);
+            self.settle_within(base, most);
+        } else {
+            self.outcome.converged = false;
+            if found == Found::Nothing {
+                self.put_back();
+                self.carry_line(base);
+                self.write_arcs();
+                self.carry();
+            }
+        }
+    }
+
+    /// Finds forces, states and shape that belong together.
+    fn attempt(&mut self, base: &Isometry3<f64>) -> Found {
         self.take_tip();
         self.take_compliance();
         self.keep();
+        self.carry_line(base);
+        let mut holds = true;
         let mut change = f64::INFINITY;
         let mut unsettled = 0;
         for iteration in 0..self.options.most_iterations {
@@ -139,6 +187,7 @@ impl Finite {
                     self.line.clone_from(&self.memory.before);
                 }
             }
+            holds = ways.is_none_or(|ways| solved.signs.dependent > 0 || solved.signs.negative >= ways);
             change = self.slide(share).max(self.line.distance(&self.memory.before));
             unsettled = if solved.settled { 0 } else { unsettled + 1 };
             if unsettled > 0 {
@@ -148,22 +197,20 @@ impl Finite {
                 break;
             }
         }
-        if change.is_nan() || change > self.options.tolerance_mm {
-            self.outcome.converged = false;
-            if change.is_nan() || change > LOST_MM {
-                self.put_back();
-            }
-        }
         self.forget_faded();
         self.carry();
+        match change {
+            _ if change <= self.options.tolerance_mm && holds => Found::Rest,
+            _ if change <= LOST_MM => Found::Near,
+            _ => Found::Nothing,
+        }
     }
 
     /// Brings the needle to its base, bent as it is.
     fn carry_line(&mut self, base: &Isometry3<f64>) {
-        let base = self.tip.held(base);
-        match self.tip.base.replace(base) {
+        match self.tip.base.replace(*base) {
             Some(before) if self.needle.is_flexible() => self.line.transform(&(base * before.inverse())),
-            _ => self.needle.place(&base, self.entry.as_ref(), &[], &[], &mut self.line),
+            _ => self.needle.place(base, self.entry.as_ref(), &[], &[], &mut self.line),
         }
     }
 
@@ -180,6 +227,7 @@ impl Finite {
     /// Keeps forces, places and states as they are before a part of a step.
     fn keep(&mut self) {
         let kept = &mut self.memory.kept;
+        kept.base = self.tip.base;
         kept.line.clone_from(&self.line);
         kept.forces.clone_from(&self.forces);
         kept.contacts.clear();
@@ -188,7 +236,7 @@ impl Finite {
         kept.tip = self.tip.row.as_ref().map(|row| row.slider);
     }
 
-    /// Gives up a part of a step: forces and shape stay as they were before it.
+    /// Goes back to what there was before an attempt.
     fn put_back(&mut self) {
         let kept = &self.memory.kept;
         self.line.clone_from(&kept.line);
@@ -199,7 +247,7 @@ impl Finite {
         if let (Some(row), Some(slider)) = (&mut self.tip.row, kept.tip) {
             row.slider = slider;
         }
-        self.write_arcs();
+        self.tip.base = kept.base;
     }
 
     /// Goes a share of the way to the forces of the solution.
