@@ -84,7 +84,7 @@ impl Exact {
             held: Held::new(size),
             contacts: Contacts::none(),
             difference: Difference::default(),
-            work: Work::default(),
+            work: Work::new(size),
             step: mesh.step(),
             watch: Watch::new(),
             rebuilds: 0,

@@ -22,6 +22,14 @@ impl Default for Grown {
 }
 
 impl Grown {
+    /// Nothing yet, with memory for a matrix of this size.
+    pub fn with_room(rows: usize, columns: usize) -> Grown {
+        let mut grown = Grown::default();
+        grown.shape(rows, columns).fill(0.0);
+        (grown.rows, grown.columns) = (0, 0);
+        grown
+    }
+
     pub fn rows(&self) -> usize {
         self.rows
     }

@@ -15,6 +15,8 @@ pub(super) struct Contacts {
     bare: Mat<f64>,
     /// K^-1[c, c], symmetric.
     pub condensed: Mat<f64>,
+    /// Memory for the next B.
+    coupling: Grown,
 }
 
 impl Contacts {
@@ -23,6 +25,7 @@ impl Contacts {
             dofs: Vec::new(),
             bare: Mat::new(),
             condensed: Mat::new(),
+            coupling: Grown::default(),
         }
     }
 
@@ -60,8 +63,7 @@ impl Contacts {
             })
         };
         let (mut bare, mut condensed) = (kept(&self.bare), kept(&self.condensed));
-        let mut b = Grown::default();
-        let mut columns = b.shape(held.len(), dofs.len());
+        let mut columns = self.coupling.shape(held.len(), dofs.len());
         for (at, old) in before.iter().enumerate() {
             if let Some(old) = *old {
                 columns.rb_mut().col_mut(at).copy_from(held.b.get().col(old));
@@ -90,7 +92,7 @@ impl Contacts {
                 condensed[(j, i)] = condensed[(i, j)];
             }
         }
-        held.b = b;
+        std::mem::swap(&mut held.b, &mut self.coupling);
         self.dofs = dofs.to_vec();
         self.bare = bare;
         self.condensed = condensed;

@@ -7,6 +7,12 @@ use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::grown::{Grown, symmetrise};
 
+/// Memory is made ready for so many members, contacts and members of one change (degrees of freedom): those of a needle some 100 mm
+/// deep in elements of 5 mm, beside a probe. Beyond, it grows when it must, which takes some milliseconds that once.
+pub(super) const HELD_ROOM: usize = 768;
+pub(super) const CONTACTS_ROOM: usize = 192;
+pub(super) const CHANGE_ROOM: usize = 96;
+
 /// The set S with what belongs to it, all in the order in which its members came; the last takes the place of one that leaves.
 #[derive(Debug)]
 pub(super) struct Held {
@@ -24,13 +30,14 @@ pub(super) struct Held {
 
 impl Held {
     pub fn new(size: usize) -> Held {
+        let room = size.min(HELD_ROOM);
         Held {
             dofs: Vec::new(),
             places: vec![NONE; size],
-            g: Grown::default(),
-            c: Grown::default(),
-            b: Grown::default(),
-            block: Grown::default(),
+            g: Grown::with_room(room, room),
+            c: Grown::with_room(room, room),
+            b: Grown::with_room(room, CONTACTS_ROOM),
+            block: Grown::with_room(CONTACTS_ROOM, CHANGE_ROOM),
         }
     }
 

@@ -6,6 +6,7 @@ use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::Exact;
+use super::held::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM};
 use crate::mechanics::tissue::remesh::adapted::Change;
 use crate::mechanics::tissue::remesh::grown::{Grown, mirror, symmetrise};
 use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
@@ -35,6 +36,19 @@ pub(super) struct Work {
 }
 
 impl Work {
+    pub fn new(size: usize) -> Work {
+        let room = size.min(HELD_ROOM);
+        let tall = || Grown::with_room(room, CHANGE_ROOM);
+        Work {
+            g_sp: tall(),
+            x: tall(),
+            vd: tall(),
+            w: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
+            dw: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
+            ..Work::default()
+        }
+    }
+
     pub fn bytes(&self) -> usize {
         let Work {
             g_sp,
