@@ -258,6 +258,9 @@ impl Model for Finite {
             self.deposit();
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
+        if self.outcome.remeshes == 0 && self.adaptation.tend().is_some() {
+            self.version += 1;
+        }
         if self.outcome.crushed > 0 && !was_crushed {
             self.note(EventKind::Crushed, self.outcome.tip_mm, None);
         }

@@ -135,6 +135,12 @@ pub trait Remesher: Send {
     /// [`RemeshError`]; it is then as before, and the change must be taken back from the mesh, as [`Adaptation`] does.
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError>;
 
+    /// Does one thing that changes have left to do ([`Options::tended`]), if there is one. A report where that computed the compliance
+    /// anew: it has changed then, by no more than its error was.
+    fn tend(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {
+        None
+    }
+
     /// Computes everything anew from the base and the current mesh, whatever changes were missed.
     ///
     /// # Errors

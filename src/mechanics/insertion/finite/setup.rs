@@ -51,7 +51,10 @@ impl Default for Options {
             tolerance_mm: 1e-5,
             spacing_mm: 1.0,
             condition_limit: 100.0,
-            remesh: crate::mechanics::tissue::remesh::Options::default(),
+            remesh: crate::mechanics::tissue::remesh::Options {
+                tended: true,
+                ..Default::default()
+            },
             columns: 6000,
             dense: false,
         }

@@ -87,6 +87,11 @@ impl Adaptation {
         change.map(|change| self.hand_over(change, Record::Undone)).transpose()
     }
 
+    /// Does what changes have left to do: see [`Remesher::tend`].
+    pub fn tend(&mut self) -> Option<RemeshReport> {
+        self.remesher.tend(&self.mesh)
+    }
+
     /// Changes level and precision while running. Contacts and moves stay.
     ///
     /// # Errors

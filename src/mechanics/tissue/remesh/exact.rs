@@ -49,6 +49,8 @@ pub struct Exact {
     work: Work,
     step: u64,
     watch: Watch,
+    /// A sample is due, and left to do.
+    is_due: bool,
     rebuilds: u64,
 }
 
@@ -87,6 +89,7 @@ impl Exact {
             work: Work::new(size),
             step: mesh.step(),
             watch: Watch::new(),
+            is_due: false,
             rebuilds: 0,
         };
         exact.refresh(mesh)?;
@@ -100,7 +103,8 @@ impl Exact {
     }
 
     /// C: what the compliance of the base is corrected by, N/mm.
-    pub fn correction(&self) -> MatRef<'_, f64> {
+    pub fn correction(&mut self) -> MatRef<'_, f64> {
+        self.complete();
         self.held.c.get()
     }
 
@@ -168,6 +172,10 @@ impl Remesher for Exact {
 
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
         check_step(self.step, mesh, change)?;
+        self.complete();
+        if self.is_due {
+            self.sample(mesh, &mut self.report(0, 1.0, None));
+        }
         let before = self.held.len();
         self.held
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
@@ -189,12 +197,15 @@ impl Remesher for Exact {
             }
         };
         self.step += 1;
-        self.held.release(mesh, &change.support);
+        if self.held.releases(mesh, &change.support) {
+            self.complete();
+            self.held.release(mesh, &change.support);
+        }
         let always = self.options.rebuild_always.then_some(Rebuilt::Always);
         let mut report = self.report(change.support.len(), condition, always);
         if self.held.is_empty() {
             self.contacts.forget_correction();
-            self.watch = Watch::new();
+            (self.watch, self.is_due, self.work.left) = (Watch::new(), false, false);
         } else if always.is_some() {
             self.rebuilds += 1;
         } else {
@@ -203,7 +214,20 @@ impl Remesher for Exact {
         Ok(report)
     }
 
+    fn tend(&mut self, mesh: &AdaptedMesh) -> Option<RemeshReport> {
+        if self.work.left {
+            self.complete();
+            return None;
+        }
+        let mut report = self.report(0, 1.0, None);
+        if self.is_due {
+            self.sample(mesh, &mut report);
+        }
+        Some(report).filter(|report| report.rebuilt.is_some())
+    }
+
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
+        self.complete();
         let support: Vec<u32> = mesh.support().collect();
         let mut held = Held::new(mesh.dofs().free());
         held.extend(&mut *self.source, &support, self.contacts.dofs())?;
@@ -241,7 +265,7 @@ impl Remesher for Exact {
 
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), RemeshError> {
         self.contacts
-            .set(dofs, &mut *self.source, &mut self.held)
+            .set(dofs, &mut *self.source, &mut self.held, &mut self.work)
             .map_err(RemeshError::from)
     }
 
@@ -250,7 +274,7 @@ impl Remesher for Exact {
     }
 
     fn condensed(&self) -> MatRef<'_, f64> {
-        self.contacts.condensed.as_ref()
+        self.contacts.condensed.get()
     }
 
     fn compliance(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {

@@ -19,6 +19,10 @@ pub struct Options {
     pub residual_single: f64,
     /// Exact level: always compute anew, never update. For comparison: it costs O(|S|^3).
     pub rebuild_always: bool,
+    /// Exact level: what a change does not need at once, the last product that completes C and samples of errors that fall due, is
+    /// left to [`Remesher::tend`](super::Remesher::tend), so that no step has to do it all. Whatever is still left when the next
+    /// change comes is done then.
+    pub tended: bool,
     /// The largest Poisson's ratio at which levels I to III may work in f32.
     pub single_poisson_limit: f64,
 }
@@ -32,6 +36,7 @@ impl Default for Options {
             residual_double: 1e-9,
             residual_single: 1e-2,
             rebuild_always: false,
+            tended: false,
             single_poisson_limit: 0.49,
         }
     }

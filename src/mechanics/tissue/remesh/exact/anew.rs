@@ -48,13 +48,13 @@ impl Exact {
         work.lu.solve_transpose(next.rb_mut());
         symmetrise(next.rb_mut());
         std::mem::swap(&mut held.c, &mut work.next);
-        self.watch = Watch::new();
+        (self.watch, self.is_due, self.work.left) = (Watch::new(), false, false);
 
         self.contacts.forget_correction();
         let b = self.held.b.get();
-        let mut cb = self.work.x.shape(len, b.ncols());
+        let mut cb = self.work.columns.shape(len, b.ncols());
         product(cb.rb_mut(), Accum::Replace, self.held.c.get(), b, 1.0);
-        symmetric_product(self.contacts.condensed.as_mut(), b.transpose(), cb.rb(), -1.0);
+        symmetric_product(self.contacts.condensed.get_mut(), b.transpose(), cb.rb(), -1.0);
         Ok(condition)
     }
 }

@@ -1,10 +1,10 @@
 //! The compliance at the contacts.
 
-use faer::prelude::{Reborrow, ReborrowMut};
+use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatRef};
 
-use super::held::Held;
-use super::update::product;
+use super::held::{CONTACTS_ROOM, HELD_ROOM, Held};
+use super::update::{Work, product};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs};
 use crate::mechanics::tissue::remesh::grown::Grown;
 
@@ -12,20 +12,20 @@ use crate::mechanics::tissue::remesh::grown::Grown;
 pub(super) struct Contacts {
     dofs: Vec<usize>,
     /// K0^-1[c, c], symmetric.
-    bare: Mat<f64>,
+    bare: Grown,
     /// K^-1[c, c], symmetric.
-    pub condensed: Mat<f64>,
-    /// Memory for the next B.
-    coupling: Grown,
+    pub condensed: Grown,
+    /// Memory for the next of either.
+    spare: Grown,
 }
 
 impl Contacts {
     pub fn none() -> Contacts {
         Contacts {
             dofs: Vec::new(),
-            bare: Mat::new(),
-            condensed: Mat::new(),
-            coupling: Grown::default(),
+            bare: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            condensed: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            spare: Grown::with_room(HELD_ROOM, CONTACTS_ROOM),
         }
     }
 
@@ -35,16 +35,22 @@ impl Contacts {
 
     /// K0^-1[c, c].
     pub fn bare(&self) -> MatRef<'_, f64> {
-        self.bare.as_ref()
+        self.bare.get()
     }
 
     /// The compliance at the contacts is that of the base.
     pub fn forget_correction(&mut self) {
-        self.condensed.copy_from(&self.bare);
+        self.condensed.get_mut().copy_from(self.bare.get());
     }
 
     /// Names the contacts anew: rows of B and entries of both matrices are kept where their degrees of freedom stay.
-    pub fn set(&mut self, dofs: &[usize], source: &mut dyn Compliance, held: &mut Held) -> Result<(), ComplianceError> {
+    pub fn set(
+        &mut self,
+        dofs: &[usize],
+        source: &mut dyn Compliance,
+        held: &mut Held,
+        work: &mut Work,
+    ) -> Result<(), ComplianceError> {
         check_dofs(dofs, source.size())?;
         check_distinct(dofs)?;
         let before: Vec<Option<usize>> = dofs
@@ -53,36 +59,43 @@ impl Contacts {
             .collect();
         let new: Vec<usize> = (0..dofs.len()).filter(|at| before[*at].is_none()).collect();
         let new_dofs: Vec<usize> = new.iter().map(|at| dofs[*at]).collect();
+        let len = held.len();
         let own = source.entries(dofs, &new_dofs)?;
         let coupling = source.entries(held.dofs(), &new_dofs)?;
 
-        let kept = |matrix: &Mat<f64>| {
-            Mat::from_fn(dofs.len(), dofs.len(), |i, j| match (before[i], before[j]) {
-                (Some(i), Some(j)) => matrix[(i, j)],
-                _ => 0.0,
-            })
-        };
-        let (mut bare, mut condensed) = (kept(&self.bare), kept(&self.condensed));
-        let mut columns = self.coupling.shape(held.len(), dofs.len());
-        for (at, old) in before.iter().enumerate() {
+        // Those before it stay where they are.
+        let prefix = before
+            .iter()
+            .enumerate()
+            .take_while(|(at, old)| **old == Some(*at))
+            .count();
+        rearrange(&mut self.bare, &mut self.spare, &before, prefix);
+        rearrange(&mut self.condensed, &mut self.spare, &before, prefix);
+        let mut columns = self.spare.shape(len, dofs.len() - prefix);
+        let mut from = 0;
+        for (mut column, old) in columns.rb_mut().col_iter_mut().zip(&before[prefix..]) {
             if let Some(old) = *old {
-                columns.rb_mut().col_mut(at).copy_from(held.b.get().col(old));
+                column.copy_from(held.b.get().col(old));
+            } else {
+                column.copy_from(coupling.col(from));
+                from += 1;
             }
         }
-        for (from, &at) in new.iter().enumerate() {
-            columns.rb_mut().col_mut(at).copy_from(coupling.col(from));
-        }
+        let mut b = held.b.shape(len, dofs.len());
+        b.rb_mut().subcols_mut(prefix, dofs.len() - prefix).copy_from(columns);
         // B^T C B at the new columns.
-        let mut cb = Mat::zeros(held.len(), new.len());
+        let mut cb = Mat::zeros(len, new.len());
         product(cb.as_mut(), Accum::Replace, held.c.get(), coupling.as_ref(), 1.0);
+        work.add_left(coupling.as_ref(), cb.as_mut(), 1.0);
         let mut correction = Mat::zeros(dofs.len(), new.len());
         product(
             correction.as_mut(),
             Accum::Replace,
-            columns.rb().transpose(),
+            held.b.get().transpose(),
             cb.as_ref(),
             1.0,
         );
+        let (mut bare, mut condensed) = (self.bare.get_mut(), self.condensed.get_mut());
         for (from, &j) in new.iter().enumerate() {
             // Pairs of new contacts once, so that both matrices stay symmetric.
             for i in (0..dofs.len()).filter(|i| before[*i].is_some() || *i <= j) {
@@ -92,10 +105,25 @@ impl Contacts {
                 condensed[(j, i)] = condensed[(i, j)];
             }
         }
-        std::mem::swap(&mut held.b, &mut self.coupling);
-        self.dofs = dofs.to_vec();
-        self.bare = bare;
-        self.condensed = condensed;
+        self.dofs.clear();
+        self.dofs.extend_from_slice(dofs);
         Ok(())
     }
+}
+
+/// Brings the entries of contacts that stay to where they are now; those of new ones are left to be written.
+fn rearrange(matrix: &mut Grown, next: &mut Grown, before: &[Option<usize>], prefix: usize) {
+    let size = before.len();
+    let (from, mut to) = (matrix.get(), next.shape(size, size));
+    for (j, old) in before.iter().enumerate() {
+        let Some(column) = *old else { continue };
+        let (from, mut to) = (from.col(column), to.rb_mut().col_mut(j));
+        to.rb_mut().subrows_mut(0, prefix).copy_from(from.subrows(0, prefix));
+        for (i, old) in before.iter().enumerate().skip(prefix) {
+            if let Some(row) = *old {
+                to[i] = from[row];
+            }
+        }
+    }
+    std::mem::swap(matrix, next);
 }

@@ -116,6 +116,11 @@ impl Held {
         self.b.shape(len, contacts);
     }
 
+    /// Whether the stiffness at some of `support` is that of the base again.
+    pub fn releases(&self, mesh: &AdaptedMesh, support: &[u32]) -> bool {
+        support.iter().any(|dof| !mesh.is_touched(mesh.dofs().node_of(*dof).0))
+    }
+
     /// Gives up those of `support` whose stiffness is that of the base again: their rows of dK, and with them of C, are zero.
     pub fn release(&mut self, mesh: &AdaptedMesh, support: &[u32]) {
         for &dof in support {

@@ -18,8 +18,6 @@ pub(super) struct Work {
     pub at: Vec<usize>,
     /// G[S, P].
     pub g_sp: Grown,
-    /// C G[S, P].
-    pub x: Grown,
     /// H = K^-1[P, P].
     pub h: Grown,
     /// D.
@@ -28,8 +26,16 @@ pub(super) struct Work {
     pub w: Grown,
     /// D W^T.
     pub dw: Grown,
-    /// V D.
+    /// -V; before that, C G[S, P].
+    pub v: Grown,
+    /// -V D.
     pub vd: Grown,
+    /// Whether V D V^T is not yet in C.
+    pub left: bool,
+    /// A few columns.
+    pub columns: Grown,
+    /// V^T of a few columns.
+    pub across: Grown,
     /// The next C while it is computed anew.
     pub next: Grown,
     pub lu: Lu,
@@ -41,10 +47,11 @@ impl Work {
         let tall = || Grown::with_room(room, CHANGE_ROOM);
         Work {
             g_sp: tall(),
-            x: tall(),
+            v: tall(),
             vd: tall(),
             w: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
             dw: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
+            next: Grown::with_room(room, room),
             ..Work::default()
         }
     }
@@ -52,23 +59,26 @@ impl Work {
     pub fn bytes(&self) -> usize {
         let Work {
             g_sp,
-            x,
+            v,
+            vd,
+            columns,
+            across,
             h,
             d,
             w,
             dw,
-            vd,
             next,
             lu,
-            ..
+            at: _,
+            left: _,
         } = self;
-        let matrices = [g_sp, x, h, d, w, dw, vd, next];
+        let matrices = [g_sp, v, vd, columns, across, h, d, w, dw, next];
         matrices.iter().map(|matrix| matrix.bytes()).sum::<usize>() + lu.bytes()
     }
 }
 
 impl Exact {
-    /// Brings C and K^c up to date; S holds the support of the change. The reciprocal condition of I + d H; as an error,
+    /// Brings C and K^c up to date, the last product of C at once or [later](Self::complete); S holds the support of the change. The reciprocal condition of I + d H; as an error,
     /// where it is too small, and then C and K^c are as they were.
     pub(super) fn update(&mut self, change: &Change) -> Result<f64, f64> {
         let Exact { held, work, .. } = self;
@@ -80,7 +90,7 @@ impl Exact {
             g_sp.rb_mut().col_mut(column).copy_from(held.g.get().col(at));
         }
         let g_sp = g_sp.rb();
-        let mut x = work.x.shape(len, rank);
+        let mut x = work.v.shape(len, rank);
         product(x.rb_mut(), Accum::Replace, held.c.get(), g_sp, 1.0);
         let mut h = work.h.shape(rank, rank);
         pick_rows(h.rb_mut(), g_sp, &work.at);
@@ -99,7 +109,7 @@ impl Exact {
         product(w.rb_mut(), Accum::Add, x.rb().transpose(), b, -1.0);
         let mut dw = work.dw.shape(rank, b.ncols());
         product(dw.rb_mut(), Accum::Replace, d, w.rb(), 1.0);
-        symmetric_product(self.contacts.condensed.as_mut(), w.rb().transpose(), dw.rb(), -1.0);
+        symmetric_product(self.contacts.condensed.get_mut(), w.rb().transpose(), dw.rb(), -1.0);
 
         // x becomes -V; the sign falls out of V D V^T.
         for (column, &at) in work.at.iter().enumerate() {
@@ -107,8 +117,31 @@ impl Exact {
         }
         let mut vd = work.vd.shape(len, rank);
         product(vd.rb_mut(), Accum::Replace, x.rb(), d, 1.0);
-        symmetric_product(held.c.get_mut(), vd.rb(), x.rb().transpose(), 1.0);
+        work.left = true;
+        if !self.options.tended {
+            self.complete();
+        }
         Ok(condition)
+    }
+
+    /// Adds what is left of the last update to C.
+    pub(super) fn complete(&mut self) {
+        if std::mem::take(&mut self.work.left) {
+            let Work { v, vd, .. } = &self.work;
+            symmetric_product(self.held.c.get_mut(), vd.get(), v.get().transpose(), 1.0);
+        }
+    }
+}
+
+impl Work {
+    /// `out += alpha V D V^T y` where that is not yet in C.
+    pub fn add_left(&mut self, y: MatRef<'_, f64>, out: MatMut<'_, f64>, alpha: f64) {
+        let Work { v, vd, across, .. } = self;
+        if self.left {
+            let mut across = across.shape(v.get().ncols(), y.ncols());
+            product(across.rb_mut(), Accum::Replace, v.get().transpose(), y, 1.0);
+            product(out, Accum::Add, vd.get(), across.rb(), alpha);
+        }
     }
 }
 

@@ -14,22 +14,31 @@ use crate::random::{hash3, seed_words};
 const AMPLIFIED: f64 = 1e-11;
 
 impl Exact {
-    /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
+    /// Samples the errors where that is due, or leaves it to be done later.
     pub(super) fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
         let every = self.options.check_every;
         // A change and the change back multiply rounding by the square of their condition.
         let amplified = f64::EPSILON / (report.reciprocal_condition * report.reciprocal_condition);
         let is_doubtful = every > 0 && amplified > AMPLIFIED;
-        if !self.watch.is_due(every) && !is_doubtful {
-            return;
+        let is_due = self.watch.is_due(every);
+        if is_doubtful || is_due && !self.options.tended {
+            self.sample(mesh, report);
+        } else {
+            self.is_due = is_due;
         }
+    }
+
+    /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
+    pub(super) fn sample(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
+        self.is_due = false;
+        self.complete();
         mesh.difference_into(&mut self.difference);
         let [residual, backward] = self.correction_error();
         report.residual = Some(residual);
         // A NaN is no small error.
         let tolerance = self.options.exact_tolerance;
         if backward <= tolerance && self.contacts_error() <= tolerance {
-            self.watch.relax(every);
+            self.watch.relax(self.options.check_every);
             return;
         }
         self.watch = Watch::new();
@@ -51,7 +60,7 @@ impl Exact {
             held, work, difference, ..
         } = self;
         let (g, c) = (held.g.get(), held.c.get());
-        let mut columns = work.x.shape(held.len(), 4);
+        let mut columns = work.columns.shape(held.len(), 4);
         let (mut e, rest) = columns.rb_mut().split_at_col_mut(1);
         let (mut ge, rest) = rest.split_at_col_mut(1);
         let (mut y, mut gy) = rest.split_at_col_mut(1);
@@ -76,7 +85,7 @@ impl Exact {
             held, contacts, work, ..
         } = self;
         let (b, c) = (held.b.get(), held.c.get());
-        let mut columns = work.x.shape(held.len(), 2);
+        let mut columns = work.columns.shape(held.len(), 2);
         let (mut be, mut y) = columns.rb_mut().split_at_col_mut(1);
         let mut own = work.w.shape(contacts.dofs().len(), 3);
         let (mut e, rest) = own.rb_mut().split_at_col_mut(1);
@@ -85,7 +94,7 @@ impl Exact {
         product(be.rb_mut(), Accum::Replace, b, e.rb(), 1.0);
         product(y.rb_mut(), Accum::Replace, c, be.rb(), 1.0);
         product(bare.rb_mut(), Accum::Replace, contacts.bare(), e.rb(), 1.0);
-        product(now.rb_mut(), Accum::Replace, contacts.condensed.as_ref(), e.rb(), 1.0);
+        product(now.rb_mut(), Accum::Replace, contacts.condensed.get(), e.rb(), 1.0);
         let size = largest(bare.rb()) + largest(now.rb());
         product(bare.rb_mut(), Accum::Add, b.transpose(), y.rb(), -1.0);
         now -= bare;

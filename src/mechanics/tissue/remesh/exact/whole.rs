@@ -32,13 +32,15 @@ impl Exact {
             held, contacts, work, ..
         } = self;
         let forces = MatRef::from_column_major_slice(forces, forces.len(), 1);
-        let mut across = work.x.shape(held.len(), 2);
-        let (mut across, mut corrected) = across.rb_mut().split_at_col_mut(1);
+        let mut columns = std::mem::take(&mut work.columns);
+        let (mut across, mut corrected) = columns.shape(held.len(), 2).split_at_col_mut(1);
         product(across.rb_mut(), Accum::Replace, held.b.get(), forces, 1.0);
         product(corrected.rb_mut(), Accum::Replace, held.c.get(), across.rb(), -1.0);
+        work.add_left(across.rb(), corrected.rb_mut(), -1.0);
         out.clear();
         out.extend(contacts.dofs().iter().copied().zip(forces.col(0).iter().copied()));
         out.extend(held.dofs().iter().copied().zip(corrected.rb().col(0).iter().copied()));
+        work.columns = columns;
         Ok(())
     }
 
@@ -53,6 +55,7 @@ impl Exact {
 
     /// A block of the compliance of the current mesh.
     pub(super) fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
+        self.complete();
         let mut block = self.source.entries(rows, columns)?;
         // S before the rows: a source that solves for columns has those of S at hand.
         let left = self.source.entries(rows, self.held.dofs())?;
@@ -99,6 +102,7 @@ impl Exact {
 
     /// out = K^-1 x for any forces x, which are lost.
     fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+        self.complete();
         self.source.multiply_into(x, out)?;
         let across: Vec<f64> = self.held.dofs().iter().map(|dof| out[*dof]).collect();
         self.subtract_correction(MatRef::from_column_major_slice(&across, across.len(), 1), x);
@@ -107,6 +111,7 @@ impl Exact {
 
     /// The largest residual of the columns `dofs` of the compliance of the whole mesh.
     pub(super) fn true_residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, ComplianceError> {
+        self.complete();
         mesh.difference_into(&mut self.difference);
         let size = self.source.size();
         let (mut unit, mut base, mut column) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);

@@ -8,7 +8,7 @@ fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
     let inner = inner_nodes(&mesh);
     let spoil: [fn(&mut Exact); 2] = [
         |exact| exact.held.c.get_mut()[(3, 3)] *= 1.0 + 1e-6,
-        |exact| exact.contacts.condensed[(1, 1)] *= 1.0 + 1e-6,
+        |exact| exact.contacts.condensed.get_mut()[(1, 1)] *= 1.0 + 1e-6,
     ];
     for (salt, spoil) in spoil.into_iter().enumerate() {
         let mut exact = exact(&mesh, &inner[..2], Options::default());
