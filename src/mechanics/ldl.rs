@@ -59,6 +59,12 @@ impl Ldl {
         }
     }
 
+    /// Solves for `width` right sides in place, which lie row by row; rows left out come out as zero.
+    pub fn solve_rows(&self, x: &mut [f64], width: usize) {
+        self.forward(x, width);
+        vectorised(Backward(self, x, width));
+    }
+
     /// `L^-1 X` in place, X of `width` columns, row by row.
     pub fn forward(&self, x: &mut [f64], width: usize) {
         debug_assert_eq!(x.len(), self.size * width);
@@ -130,6 +136,32 @@ impl Kernel for Forward<'_> {
     }
 }
 
+struct Backward<'a>(&'a Ldl, &'a mut [f64], usize);
+
+impl Kernel for Backward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Backward(ldl, x, width) = self;
+        let n = ldl.size;
+        for j in (0..n).rev() {
+            let (above, below) = x.split_at_mut((j + 1) * width);
+            let row = &mut above[j * width..];
+            let reciprocal = ldl.reciprocals[j];
+            row.iter_mut().for_each(|x| *x *= reciprocal);
+            if reciprocal == 0.0 {
+                row.fill(0.0);
+                continue;
+            }
+            let factors = &ldl.entries[j * n + j + 1..(j + 1) * n];
+            for (factor, other) in factors.iter().zip(below.chunks_exact(width)) {
+                row.iter_mut().zip(other).for_each(|(x, y)| *x -= factor * y);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -185,6 +217,11 @@ mod tests {
             let single = &mut single[3 * column..3 * column + 3];
             ldl.forward(single, 1);
             assert_eq!([x[column], x[2 + column], x[4 + column]], single);
+        }
+        let mut x = [10.0, 4.0, 7.0, 2.0, 10.0, 2.0];
+        ldl.solve_rows(&mut x, 2);
+        for (x, expected) in x.iter().zip([2.0, 1.0, 0.0, 0.0, 1.0, 0.0]) {
+            assert!((x - expected).abs() < 1e-14, "{x} {expected}");
         }
     }
 }

@@ -11,6 +11,7 @@ mod part;
 mod path;
 mod place;
 mod press;
+mod reduced;
 mod saved;
 mod setup;
 mod slider;
@@ -157,7 +158,7 @@ impl Finite {
         forces.clear();
         let probes = self.press.as_ref().map_or(0, |press| press.nodes().len());
         forces.resize(3 * probes, 0.0);
-        for (row, force) in self.joint.probe_forces(&self.forces) {
+        for (row, force) in self.joint.tissue.probe_forces(&self.forces) {
             for axis in 0..3 {
                 forces[3 * row.contact + axis] += force * row.direction[axis];
             }
@@ -195,7 +196,7 @@ impl Finite {
         if let (Some(press), Some(probe)) = (&self.press, probe) {
             let mut wrench = Wrench::default();
             let about = Point3::from(probe.translation.vector);
-            for (row, force) in self.joint.probe_forces(&self.forces) {
+            for (row, force) in self.joint.tissue.probe_forces(&self.forces) {
                 wrench.add(-row.direction * force, &press.place(row.contact), &about);
             }
             on_probe = Some(wrench);

@@ -355,14 +355,15 @@ impl Finite {
         };
         let condensed = self.adaptation.remesher().condensed();
         if self.condensed != Some(self.version) {
-            self.joint.condense(condensed, probes, self.contacts.len(), rows);
+            self.joint.tissue.condense(condensed, probes, self.contacts.len(), rows);
             self.condensed = Some(self.version);
         }
         let guide = self.guide();
         let fading = self.fading.len();
+        self.joint.tissue.set_tip(condensed, probes, self.tip.row.as_ref());
+        self.joint.set_others(guide, fading);
         self.joint
-            .set_tip(condensed, probes, self.tip.row.as_ref(), guide, fading);
-        self.joint
+            .tissue
             .press(self.press.iter().flat_map(|press| press.displacements()));
         self.lay_forces();
     }

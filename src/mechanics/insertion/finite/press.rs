@@ -3,7 +3,7 @@
 use faer::MatRef;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::joint::ProbeRow;
+use super::reduced::ProbeRow;
 use crate::mechanics::insertion::ProbeContact;
 
 /// A probe with its candidates. Nodes beside the cylinder are held where they were across its axis when the tissue was at rest,

@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::joint::TipRow;
 use super::place::Place;
+use super::reduced::TipRow;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
 use crate::mechanics::insertion::Bone;

@@ -169,7 +169,19 @@ impl Kernel for AddSquares<'_> {
                 continue;
             };
             let out = &mut out.as_slice_mut()[column..];
-            for (row, weight) in self.rows.chunks_exact(width).zip(self.weights) {
+            // Four rows at a time: `out` is read and written less often.
+            let fours = self.rows.chunks_exact(4 * width);
+            let rest = fours.remainder().chunks_exact(width);
+            let done = self.weights.len() / 4 * 4;
+            for (rows, weights) in fours.zip(self.weights.chunks_exact(4)) {
+                let row = |at: usize| &rows[at * width + column..(at + 1) * width];
+                let factor = |at: usize| rows[at * width + column] * weights[at];
+                let ([a, b, c, d], [e, f, g, h]) = ([0, 1, 2, 3].map(row), [0, 1, 2, 3].map(factor));
+                for (out, (((a, b), c), d)) in out.iter_mut().zip(a.iter().zip(b).zip(c).zip(d)) {
+                    *out += (e * a + f * b) + (g * c + h * d);
+                }
+            }
+            for (row, weight) in rest.zip(&self.weights[done..]) {
                 let factor = row[column] * weight;
                 out.iter_mut()
                     .zip(&row[column..])

@@ -1,0 +1,240 @@
+//! Tissue as the needle meets it: its compliance at the contacts and at the tip, with the probe eliminated.
+//!
+//! With F the forces on the tissue at the needle's contacts and g the displacements that the probe prescribes along its rows P,
+//!
+//! ```text
+//! u = (K_nn - K_nP K_PP^-1 K_Pn) F + K_nP K_PP^-1 g
+//! ```
+//!
+//! is found once for every compliance at the contacts and every placement of its rows.
+
+use faer::MatRef;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::slider::Slider;
+use crate::mechanics::ldl::Ldl;
+use crate::simd::{Kernel, vectorised};
+
+/// A displacement that the probe prescribes: of which contact, along which direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ProbeRow {
+    /// Among the contacts of the compliance.
+    pub contact: usize,
+    pub direction: Vector3<f64>,
+}
+
+/// The tissue at the tip: what it is made of, where it was before deformation, and what it does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct TipRow {
+    /// Nodes of the compliance, and their shares.
+    pub shares: [(usize, f64); 4],
+    /// In the reference state, mm.
+    pub reference: nalgebra::Point3<f64>,
+    pub slider: Slider,
+}
+
+/// The compliance at the contacts of the needle and, behind them, at the tip. The memory is kept.
+#[derive(Debug, Default)]
+pub(super) struct Reduced {
+    rows: Vec<ProbeRow>,
+    probe: Ldl,
+    /// K_Pn: for each row of the probe, all degrees of freedom there is room for.
+    coupling: Vec<f64>,
+    /// K_PP^-1 K_Pn, likewise.
+    answer: Vec<f64>,
+    /// K_PP^-1 g.
+    held: Vec<f64>,
+    /// K_nn - K_nP K_PP^-1 K_Pn, column by column.
+    compliance: Vec<f64>,
+    /// K_nP K_PP^-1 g.
+    offset: Vec<f64>,
+    contacts: usize,
+    has_tip: bool,
+    /// A few columns of K_Pn on their way to the answer.
+    block: Vec<f64>,
+}
+
+impl Reduced {
+    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that the tissue
+    /// at the tip is made of), and eliminates the probe.
+    pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
+        self.rows.clear();
+        self.rows.extend_from_slice(rows);
+        self.probe.start(rows.len());
+        for (j, column) in rows.iter().enumerate() {
+            for (i, row) in rows.iter().enumerate().skip(j) {
+                let block = Matrix3::from_fn(|a, b| condensed[(3 * row.contact + a, 3 * column.contact + b)]);
+                *self.probe.entry(i, j) = row.direction.dot(&(block * column.direction));
+            }
+        }
+        self.probe.factor();
+        (self.contacts, self.has_tip) = (contacts, false);
+        let (p, room) = (rows.len(), self.room());
+        self.coupling.clear();
+        self.coupling.resize(p * room, 0.0);
+        self.answer.clear();
+        self.answer.resize(p * room, 0.0);
+        self.compliance.resize(room * room, 0.0);
+        let first = 3 * probes;
+        for column in 0..3 * contacts {
+            for (row, coupling) in rows.iter().zip(self.coupling.chunks_exact_mut(room)) {
+                let at = (0..3).map(|axis| condensed[(3 * row.contact + axis, first + column)]);
+                coupling[column] = at.zip(row.direction.iter()).map(|(k, d)| k * d).sum();
+            }
+            for row in 0..=column {
+                self.compliance[column * room + row] = condensed[(first + row, first + column)];
+            }
+        }
+        self.eliminate(0, 3 * contacts);
+    }
+
+    /// Puts the tissue at the tip behind the contacts, or takes it away. The compliance is that of the last
+    /// [`condense`](Self::condense).
+    pub fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
+        self.clear_rest();
+        self.has_tip = tip.is_some();
+        let Some(tip) = tip else { return };
+        let (room, first) = (self.room(), 3 * self.contacts);
+        let shares = || tip.shares.iter().filter(|(_, share)| *share != 0.0);
+        for axis in 0..3 {
+            let column = first + axis;
+            for (row, coupling) in self.rows.iter().zip(self.coupling.chunks_exact_mut(room)) {
+                let of = |node: usize| {
+                    let at = (0..3).map(|a| row.direction[a] * condensed[(3 * row.contact + a, 3 * node + axis)]);
+                    at.sum::<f64>()
+                };
+                coupling[column] = shares().map(|(node, share)| share * of(*node)).sum();
+            }
+            let (contacts, own) = self.compliance[column * room..].split_at_mut(first);
+            for (row, entry) in contacts.iter_mut().enumerate() {
+                let of = |node: usize| condensed[(3 * probes + row, 3 * node + axis)];
+                *entry = shares().map(|(node, share)| share * of(*node)).sum();
+            }
+            for (other, entry) in own[..=axis].iter_mut().enumerate() {
+                let pairs = shares().flat_map(|one| shares().map(move |two| (one, two)));
+                *entry = pairs
+                    .map(|((i, a), (j, b))| a * b * condensed[(3 * i + other, 3 * j + axis)])
+                    .sum();
+            }
+        }
+        self.eliminate(first, first + 3);
+    }
+
+    /// Nothing behind the contacts yields.
+    fn clear_rest(&mut self) {
+        let (n, room) = (3 * self.contacts, self.room());
+        for rows in [&mut self.coupling, &mut self.answer] {
+            rows.chunks_exact_mut(room).for_each(|row| row[n..].fill(0.0));
+        }
+        for column in 0..room {
+            let from = if column < n { n } else { 0 };
+            self.compliance[column * room + from..(column + 1) * room].fill(0.0);
+        }
+    }
+
+    /// Takes what the probe holds back off these columns, and copies them to their rows.
+    fn eliminate(&mut self, first: usize, end: usize) {
+        if first == end {
+            return;
+        }
+        let room = self.room();
+        self.block.clear();
+        for coupling in self.coupling.chunks_exact(room) {
+            self.block.extend_from_slice(&coupling[first..end]);
+        }
+        self.probe.solve_rows(&mut self.block, end - first);
+        let blocks = self.block.chunks_exact(end - first);
+        for (answer, block) in self.answer.chunks_exact_mut(room).zip(blocks) {
+            answer[first..end].copy_from_slice(block);
+        }
+        vectorised(Subtract {
+            room,
+            columns: first..end,
+            coupling: &self.coupling,
+            answer: &self.answer,
+            compliance: &mut self.compliance,
+        });
+        for column in first..end {
+            for row in 0..column {
+                self.compliance[row * room + column] = self.compliance[column * room + row];
+            }
+        }
+    }
+
+    /// Degrees of freedom that there is room for: those behind the tip do not yield.
+    fn room(&self) -> usize {
+        3 * (self.contacts + 2 + super::joint::MOST_FADING)
+    }
+
+    /// Contacts, and the tissue at the tip.
+    pub fn yielding(&self) -> usize {
+        self.contacts + usize::from(self.has_tip)
+    }
+
+    /// The compliance between two nodes, mm/N: world axes.
+    pub fn block(&self, row: usize, column: usize) -> Matrix3<f64> {
+        let room = self.room();
+        Matrix3::from_fn(|a, b| self.compliance[(3 * column + b) * room + 3 * row + a])
+    }
+
+    /// What the probe prescribes along its rows, mm.
+    pub fn press(&mut self, displacements: impl Iterator<Item = f64>) {
+        let room = self.room();
+        self.held.clear();
+        self.held.extend(displacements);
+        self.offset.clear();
+        self.offset.resize(room, 0.0);
+        for (answer, held) in self.answer.chunks_exact(room).zip(&self.held) {
+            self.offset.iter_mut().zip(answer).for_each(|(sum, a)| *sum += a * held);
+        }
+        self.probe.solve(&mut self.held);
+    }
+
+    /// How far the probe moves a node, mm.
+    pub fn offset(&self, node: usize) -> Vector3<f64> {
+        Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
+    }
+
+    /// Forces of the probe on the tissue along its rows, N, with those of the needle at its contacts and at the tip.
+    pub fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
+        let rows = self
+            .rows
+            .iter()
+            .zip(self.answer.chunks_exact(self.room()))
+            .zip(&self.held);
+        rows.map(|((row, answer), held)| {
+            let answers = needle.iter().zip(answer.as_chunks::<3>().0);
+            let answers = answers.map(|(force, [x, y, z])| x * force.x + y * force.y + z * force.z);
+            (row, held - answers.sum::<f64>())
+        })
+    }
+}
+
+/// `K_nn -= K_nP (K_PP^-1 K_Pn)` above the diagonal of some columns.
+struct Subtract<'a> {
+    room: usize,
+    columns: std::ops::Range<usize>,
+    coupling: &'a [f64],
+    answer: &'a [f64],
+    compliance: &'a mut [f64],
+}
+
+impl Kernel for Subtract<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let room = self.room;
+        for column in self.columns {
+            let entries = &mut self.compliance[column * room..column * room + column + 1];
+            for (coupling, answer) in self.coupling.chunks_exact(room).zip(self.answer.chunks_exact(room)) {
+                let factor = answer[column];
+                entries
+                    .iter_mut()
+                    .zip(coupling)
+                    .for_each(|(entry, k)| *entry -= factor * k);
+            }
+        }
+    }
+}
