@@ -3,7 +3,7 @@
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatRef};
 
-use super::held::{CONTACTS_ROOM, HELD_ROOM, Held};
+use super::held::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM, Held};
 use super::update::{Work, product};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs};
 use crate::mechanics::tissue::remesh::grown::Grown;
@@ -17,6 +17,8 @@ pub(super) struct Contacts {
     pub condensed: Grown,
     /// Memory for the next of either.
     spare: Grown,
+    /// Memory for columns of B.
+    columns: Grown,
 }
 
 impl Contacts {
@@ -25,7 +27,8 @@ impl Contacts {
             dofs: Vec::new(),
             bare: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
             condensed: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
-            spare: Grown::with_room(HELD_ROOM, CONTACTS_ROOM),
+            spare: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            columns: Grown::with_room(HELD_ROOM, CHANGE_ROOM),
         }
     }
 
@@ -71,7 +74,7 @@ impl Contacts {
             .count();
         rearrange(&mut self.bare, &mut self.spare, &before, prefix);
         rearrange(&mut self.condensed, &mut self.spare, &before, prefix);
-        let mut columns = self.spare.shape(len, dofs.len() - prefix);
+        let mut columns = self.columns.shape(len, dofs.len() - prefix);
         let mut from = 0;
         for (mut column, old) in columns.rb_mut().col_iter_mut().zip(&before[prefix..]) {
             if let Some(old) = *old {
