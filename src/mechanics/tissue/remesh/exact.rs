@@ -173,9 +173,6 @@ impl Remesher for Exact {
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
         check_step(self.step, mesh, change)?;
         self.complete();
-        if self.is_due {
-            self.sample(mesh, &mut self.report(0, 1.0, None));
-        }
         let before = self.held.len();
         self.held
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;

@@ -21,7 +21,9 @@ impl Exact {
         let amplified = f64::EPSILON / (report.reciprocal_condition * report.reciprocal_condition);
         let is_doubtful = every > 0 && amplified > AMPLIFIED;
         let is_due = self.watch.is_due(every);
-        if is_doubtful || is_due && !self.options.tended {
+        // Left for a quieter step, and none came.
+        let is_overdue = self.is_due;
+        if is_doubtful || is_overdue || is_due && !self.options.tended {
             self.sample(mesh, report);
         } else {
             self.is_due = is_due;
