@@ -157,3 +157,30 @@ fn impossible_boxes_are_refused() {
         Err(InvalidMesh::TooMany { what: "nodes", .. })
     ));
 }
+
+/// Reflected in a plane between cells, a mirrored lattice is itself: as many tetrahedra, all of the box, over the same nodes.
+#[test]
+fn a_mirrored_lattice_is_its_own_mirror_image() {
+    let to_world = Matrix4::new_nonuniform_scaling(&nalgebra::Vector3::new(4.0, 2.0, 2.0));
+    let sorted = |mesh: &TetMesh, of: &dyn Fn([f64; 3]) -> [f64; 3]| {
+        let element = |corners: &[u32; 4]| {
+            let mut corners = corners.map(|node| of(mesh.nodes()[node as usize]).map(|x| x.round() as i32));
+            corners.sort_unstable();
+            corners
+        };
+        let mut elements: Vec<_> = mesh.elements().iter().map(element).collect();
+        elements.sort_unstable();
+        elements
+    };
+    let mirrored = TetMesh::mirrored_lattice([4, 2, 2], &to_world).unwrap();
+    let plain = TetMesh::lattice([4, 2, 2], &to_world).unwrap();
+    let reflect = |p: [f64; 3]| [4.0 - p[0], p[1], p[2]];
+    assert_eq!(sorted(&mirrored, &|p| p), sorted(&mirrored, &reflect));
+    assert_ne!(sorted(&plain, &|p| p), sorted(&plain, &reflect));
+    assert!(
+        mirrored
+            .volumes(mirrored.nodes())
+            .all(|volume| (volume - 1.0 / 6.0).abs() < 1e-12)
+    );
+    assert_eq!(mirrored.nodes(), plain.nodes());
+}

@@ -27,38 +27,11 @@ pub fn block(extent: [f64; 3], cell: f64) -> TetMesh {
     TetMesh::lattice(cells, &Matrix4::new_nonuniform_scaling(&Vector3::from(extent))).expect("a lattice")
 }
 
-/// The same, each cell the mirror image of its neighbours: planes between cells are planes of symmetry, which a lattice of equal
-/// cells has none of. A needle along them is drawn aside by nothing in the mesh.
+/// The same, each cell the mirror image of its neighbours: a needle along planes between them is drawn aside by nothing in the
+/// mesh.
 pub fn mirrored(extent: [f64; 3], cell: f64) -> TetMesh {
     let cells = extent.map(|edge| (edge / cell).round() as usize);
-    let plain = block(extent, cell);
-    let size: [f64; 3] = std::array::from_fn(|axis| extent[axis] / cells[axis] as f64);
-    let index = |p: [f64; 3]| -> [usize; 3] { std::array::from_fn(|axis| (p[axis] / size[axis]).round() as usize) };
-    let mut node_at = std::collections::HashMap::new();
-    for (node, p) in plain.nodes().iter().enumerate() {
-        node_at.insert(index(*p), node as u32);
-    }
-    let turned = |corners: &[u32; 4]| {
-        let places = corners.map(|node| index(plain.nodes()[node as usize]));
-        let low: [usize; 3] = std::array::from_fn(|axis| places.iter().map(|p| p[axis]).min().unwrap_or(0));
-        let mirrors = low.iter().filter(|at| *at % 2 == 1).count();
-        let mut corners = places.map(|place| {
-            let place: [usize; 3] = std::array::from_fn(|axis| {
-                if low[axis] % 2 == 1 {
-                    2 * low[axis] + 1 - place[axis]
-                } else {
-                    place[axis]
-                }
-            });
-            node_at[&place]
-        });
-        if mirrors % 2 == 1 {
-            corners.swap(2, 3);
-        }
-        corners
-    };
-    let elements = plain.elements().iter().map(turned).collect();
-    TetMesh::new(plain.nodes().to_vec(), elements, plain.regions().to_vec()).expect("a mesh")
+    TetMesh::mirrored_lattice(cells, &Matrix4::new_nonuniform_scaling(&Vector3::from(extent))).expect("a lattice")
 }
 
 /// Tissue on a table: a block of 60 x 60 x 80 mm, entered at z = 0, held at z = 80.
