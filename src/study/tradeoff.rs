@@ -42,6 +42,28 @@ pub struct Axis {
     pub log: bool,
 }
 
+impl Axis {
+    /// An axis whose plots are logarithmic.
+    pub const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
+        Axis {
+            key,
+            heading,
+            label,
+            log: true,
+        }
+    }
+
+    /// An axis whose plots are linear.
+    pub const fn linear(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
+        Axis {
+            key,
+            heading,
+            label,
+            log: false,
+        }
+    }
+}
+
 /// One way of doing a thing, and how it did.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
@@ -68,6 +90,8 @@ pub struct Table {
     pub axes: Vec<Axis>,
     /// The rows.
     pub rows: Vec<Row>,
+    /// Whether the text for people lists it: long traces are for plots and programs.
+    pub listed: bool,
 }
 
 /// A plot of a table.
@@ -91,6 +115,8 @@ pub struct Figure {
     pub only: Vec<(&'static str, String)>,
     /// Whether lines join points of one colour and marker.
     pub joined: bool,
+    /// Whether points are marked: of a long trace a line is enough.
+    pub marked: bool,
     /// Whether the points that nothing beats are marked.
     pub front: bool,
 }
@@ -121,6 +147,15 @@ impl Table {
             factors: factors.to_vec(),
             axes: axes.to_vec(),
             rows: Vec::new(),
+            listed: true,
+        }
+    }
+
+    /// A long trace, which the text for people leaves out.
+    pub fn trace(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
+        Table {
+            listed: false,
+            ..Table::new(key, title, factors, axes)
         }
     }
 

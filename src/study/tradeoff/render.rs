@@ -32,7 +32,7 @@ impl Study {
             let _ = writeln!(text, "{key}: {value}");
         }
         let _ = writeln!(text, "machine: {}", self.machine);
-        for table in &self.tables {
+        for table in self.tables.iter().filter(|table| table.listed) {
             let _ = write!(text, "\n{}\n{}", table.title, table.text());
         }
         if !self.notes.is_empty() {
@@ -223,7 +223,11 @@ impl Table {
                 .map(|at| row.choices[*at].as_str())
                 .collect::<Vec<_>>()
                 .join(", ");
-            let (own, marker) = (place(&mut colours, name), Marker::nth(place(&mut kinds, &kind)));
+            let own = place(&mut colours, name);
+            let marker = match figure.marked {
+                true => Marker::nth(place(&mut kinds, &kind)),
+                false => Marker::None,
+            };
             let of_this = |series: &&mut Series| series.colour == own && series.marker == marker;
             match series.iter_mut().find(of_this) {
                 Some(series) => series.points.push(point),

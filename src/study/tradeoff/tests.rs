@@ -81,6 +81,7 @@ fn study() -> Study {
                 marker: vec!["on"],
                 only: vec![("size", "10".to_owned())],
                 joined: false,
+                marked: true,
                 front: true,
             },
             Figure {
@@ -93,6 +94,7 @@ fn study() -> Study {
                 marker: vec![],
                 only: vec![],
                 joined: true,
+                marked: true,
                 front: false,
             },
         ],

@@ -28,56 +28,38 @@ const FACTORS: [Factor; 4] = [
     },
 ];
 
-const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log: true,
-    }
-}
-
-const fn linear(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log: false,
-    }
-}
-
-const ERROR_CONDENSED: Axis = log("error_condensed", "err K^c", "relative error of K^c");
+const ERROR_CONDENSED: Axis = Axis::log("error_condensed", "err K^c", "relative error of K^c");
 
 const AXES: [Axis; 14] = [
-    log("dofs", "dofs", "free degrees of freedom"),
-    log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
-    log(
+    Axis::log("dofs", "dofs", "free degrees of freedom"),
+    Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
+    Axis::log(
         "p95_ms",
         "p95 ms",
         "time of a remesh with its K^c (95th percentile), ms",
     ),
-    log(
+    Axis::log(
         "device_ms",
         "device ms",
         "time of the update on the device (median), ms",
     ),
-    log("moved_mb", "MB", "read and written by an update, MB"),
-    log("bandwidth_gb_s", "GB/s", "read and written, GB/s"),
-    linear("copy_share_percent", "% of copy", "share of the bandwidth of a copy, %"),
-    log("error_inverse", "err K^-1", "relative error of sampled columns of K^-1"),
+    Axis::log("moved_mb", "MB", "read and written by an update, MB"),
+    Axis::log("bandwidth_gb_s", "GB/s", "read and written, GB/s"),
+    Axis::linear("copy_share_percent", "% of copy", "share of the bandwidth of a copy, %"),
+    Axis::log("error_inverse", "err K^-1", "relative error of sampled columns of K^-1"),
     ERROR_CONDENSED,
-    log(
+    Axis::log(
         "error_solution",
         "err u",
         "relative error of displacements under a fixed load",
     ),
-    log("residual", "residual", "largest |K X e - e|"),
-    log("error_drift", "err K^c, end", "relative error of K^c after all updates"),
-    linear("updates", "updates", "updates"),
-    linear("rebuilds", "rebuilds", "computed anew, times"),
+    Axis::log("residual", "residual", "largest |K X e - e|"),
+    Axis::log("error_drift", "err K^c, end", "relative error of K^c after all updates"),
+    Axis::linear("updates", "updates", "updates"),
+    Axis::linear("rebuilds", "rebuilds", "computed anew, times"),
 ];
 
-const DRIFT: [Axis; 2] = [log("updates", "updates", "updates"), ERROR_CONDENSED];
+const DRIFT: [Axis; 2] = [Axis::log("updates", "updates", "updates"), ERROR_CONDENSED];
 
 /// A study that is being filled in.
 pub(super) struct Report {
@@ -210,6 +192,7 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
         marker: vec!["backend", "precision"],
         only: Vec::new(),
         joined: true,
+        marked: true,
         front: false,
     };
     let mut figures = Vec::new();
