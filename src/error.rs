@@ -17,6 +17,7 @@ use crate::scene::SceneError;
 use crate::statics::StaticsError;
 use crate::study::plot::PlotError;
 use crate::study::tradeoff::RenderError;
+use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::synth::SynthError;
 use crate::volume::VolumeError;
@@ -64,6 +65,9 @@ pub enum Error {
     /// A trade-off cannot be studied.
     #[error(transparent)]
     Study(#[from] StudyError),
+    /// Insertions cannot be studied.
+    #[error(transparent)]
+    InsertionStudy(#[from] InsertionStudyError),
     /// The files of a study cannot be written.
     #[error(transparent)]
     Render(#[from] RenderError),
@@ -98,7 +102,12 @@ impl Error {
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
-            Self::Step(_) | Self::Completion(_) | Self::Phantom(_) | Self::Generate(_) | Self::Synth(_) => false,
+            Self::Step(_)
+            | Self::InsertionStudy(_)
+            | Self::Completion(_)
+            | Self::Phantom(_)
+            | Self::Generate(_)
+            | Self::Synth(_) => false,
         }
     }
 

@@ -5,12 +5,14 @@
 //! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
 //! | [`mod@inspect`] | what made one pixel |
 //! | [`tradeoff`] | what accuracy costs in time |
+//! | `block` | what studies put needles into |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`spread`] | medians and percentiles of times |
 //! | [`stability`] | hard cases, and whether they hold |
 //! | [`machine`] | what the CPU backend runs on |
 
 pub mod bench;
+mod block;
 pub mod inspect;
 pub mod machine;
 pub mod plot;

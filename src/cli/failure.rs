@@ -18,6 +18,7 @@ use insonify::scene::SceneError;
 use insonify::statics::StaticsError;
 use insonify::study::plot::PlotError;
 use insonify::study::tradeoff::RenderError;
+use insonify::study::tradeoff::insertion::InsertionStudyError;
 use insonify::study::tradeoff::remesh::StudyError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
@@ -116,6 +117,7 @@ from_library!(
     CompletionError,
     GenerateError,
     GpuError,
+    InsertionStudyError,
     MeshFileError,
     PhantomError,
     PlotError,

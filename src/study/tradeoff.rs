@@ -6,8 +6,10 @@
 //!
 //! | module | what it studies |
 //! |---|---|
+//! | [`insertion`] | needle insertions: levels, bevels, models, candidates of the probe, links |
 //! | [`remesh`] | levels of remeshing |
 
+pub mod insertion;
 pub mod remesh;
 mod render;
 #[cfg(test)]

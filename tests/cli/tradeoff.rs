@@ -84,7 +84,7 @@ fn several_sizes_show_the_growth_and_the_table_marks_the_best() {
 #[test]
 fn what_cannot_be_studied_is_refused_with_status_2() {
     let bench = Bench::new();
-    bench.run("tradeoff").fails(2, &["remesh"]);
+    bench.run("tradeoff").fails(2, &["remesh", "insertion"]);
     bench.run("tradeoff remesh --nodes 7").fails(2, &["100", "7"]);
     bench.run("tradeoff remesh --mesh none.vtu").fails(2, &["none.vtu"]);
     bench
@@ -100,4 +100,33 @@ fn what_cannot_be_studied_is_refused_with_status_2() {
     bench
         .run("tradeoff remesh --nodes 100000 --backend cpu")
         .fails(2, &["GiB", "coarser"]);
+}
+
+#[test]
+fn insertions_are_studied_part_by_part() {
+    let bench = Bench::new();
+    let run =
+        bench.run("tradeoff insertion --quick --nodes 300 --depth-mm 12 --only links,thinning --quiet --json -o study");
+    let json = run.json();
+    assert_eq!(json["tables"]["links"]["rows"].as_array().map(Vec::len), Some(5));
+    assert_eq!(json["tables"]["thinning"]["rows"].as_array().map(Vec::len), Some(5));
+    assert_eq!(
+        bench.files("study"),
+        [
+            "insertion-links.png",
+            "insertion-links.svg",
+            "insertion-thinning.png",
+            "insertion-thinning.svg",
+            "links.csv",
+            "thinning.csv",
+            "tradeoff-insertion.json",
+        ]
+    );
+    bench
+        .run("tradeoff insertion --quick --only lines")
+        .fails(2, &["links", "lines"]);
+    bench.run("tradeoff insertion --nodes 7").fails(2, &["100", "7"]);
+    bench
+        .run("tradeoff insertion --depth-mm 500")
+        .fails(2, &["500", "10 to 80 mm"]);
 }

@@ -10,6 +10,7 @@ use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
 use insonify::study::tradeoff::remesh::subject::generated;
 use insonify::study::tradeoff::remesh::{RemeshOptions, study};
 
+use super::Printed;
 use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
@@ -51,15 +52,8 @@ pub struct Remesh {
     quick: bool,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
-    #[arg(short, long, value_name = "DIR")]
-    output: Option<PathBuf>,
-    /// Print one JSON object to standard output
-    #[arg(long)]
-    json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    printed: Printed,
 }
 
 /// Nodes of the mesh that is made by default: those of the detailed model of the haptic simulator paper.
@@ -70,34 +64,14 @@ const QUICK_MOVES: usize = 8;
 
 impl Remesh {
     pub fn run(&self) -> Result<(), Failure> {
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
-        }
         self.backend.check()?;
         let meshes = self.meshes()?;
         let (gpus, missing) = self.gpus()?;
-        let bar = terminal::share(self.quiet);
-        let study = study(&meshes, &gpus, &self.options(), &mut |what, share| {
-            bar.set_message(what.to_owned());
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let mut study = study?;
-        study.notes.extend(missing);
-        if let Some(folder) = &self.output {
-            let files = study.write(folder)?;
-            if !self.quiet {
-                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
-            }
-        }
-        if self.json {
-            terminal::emit_json(&study.json())
-        } else {
-            terminal::emit(&study.text())
-        }
+        self.printed.run(|progress| {
+            let mut study = study(&meshes, &gpus, &self.options(), progress)?;
+            study.notes.extend(missing);
+            Ok(study)
+        })
     }
 
     fn options(&self) -> RemeshOptions {
@@ -161,7 +135,7 @@ impl Remesh {
     }
 }
 
-fn node_count(text: &str) -> Result<usize, String> {
+pub(super) fn node_count(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(nodes) if (100..=100_000).contains(&nodes) => Ok(nodes),
         _ => Err("expected a number of nodes from 100 to 100000".to_owned()),

@@ -1,0 +1,95 @@
+//! `insonify tradeoff insertion`: needle insertions.
+
+use clap::{Args, ValueEnum};
+use insonify::study::tradeoff::insertion::{InsertionOptions, Part, study};
+
+use super::Printed;
+use crate::cli::failure::Failure;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify tradeoff insertion --quick                   a first look, in seconds
+  insonify tradeoff insertion -o study                  everything, with plots: minutes
+  insonify tradeoff insertion --only levels,links -o study
+  insonify tradeoff insertion --nodes 1000 --depth-mm 40 --json
+
+Each step is calculated several times over, the models in turn; its time is the least of these. A row with a star in a plot is
+a best choice; one that breaks what it promises is marked WRONG.";
+
+/// Needle insertions: levels of remeshing, bevels, masses and springs, candidates of the probe, links of the needle
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Insertion {
+    /// What to compare [default: everything]
+    #[arg(long, value_name = "PART,...", value_delimiter = ',')]
+    only: Vec<PartName>,
+    /// Nodes of the block of tissue [default: 3300; with --quick 500]
+    #[arg(long, value_name = "N", value_parser = super::remesh::node_count)]
+    nodes: Option<usize>,
+    /// How deep the needle goes, mm [default: 60; with --quick 20]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    depth_mm: Option<f64>,
+    /// How deep bevelled needles go into the block of PVC, mm [default: 140; with --quick 60]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    bevel_depth_mm: Option<f64>,
+    /// How often each step is calculated and timed [default: 3; with --quick 1]
+    #[arg(long, value_name = "N")]
+    passes: Option<usize>,
+    /// A small block and short ways
+    #[arg(long)]
+    quick: bool,
+    #[command(flatten)]
+    printed: Printed,
+}
+
+/// What can be compared.
+#[derive(Clone, Copy, ValueEnum)]
+enum PartName {
+    /// Levels of remeshing, a probe moved sideways midway
+    Levels,
+    /// Bevels in a block of PVC
+    Bevel,
+    /// Masses and springs against finite elements
+    Masses,
+    /// Every n-th candidate of the probe
+    Thinning,
+    /// Lengths of the needle's links
+    Links,
+}
+
+impl Insertion {
+    pub fn run(&self) -> Result<(), Failure> {
+        let options = self.options();
+        self.printed.run(|progress| Ok(study(&options, progress)?))
+    }
+
+    fn options(&self) -> InsertionOptions {
+        let usual = match self.quick {
+            false => InsertionOptions::default(),
+            true => InsertionOptions {
+                nodes: 500,
+                depth_mm: 20.0,
+                bevel_depth_mm: 60.0,
+                passes: 1,
+                ..InsertionOptions::default()
+            },
+        };
+        let part = |name: &PartName| match name {
+            PartName::Levels => Part::Levels,
+            PartName::Bevel => Part::Bevel,
+            PartName::Masses => Part::Masses,
+            PartName::Thinning => Part::Thinning,
+            PartName::Links => Part::Links,
+        };
+        InsertionOptions {
+            nodes: self.nodes.unwrap_or(usual.nodes),
+            depth_mm: self.depth_mm.unwrap_or(usual.depth_mm),
+            bevel_depth_mm: self.bevel_depth_mm.unwrap_or(usual.bevel_depth_mm),
+            passes: self.passes.unwrap_or(usual.passes),
+            parts: match self.only.is_empty() {
+                true => usual.parts,
+                false => self.only.iter().map(part).collect(),
+            },
+        }
+    }
+}

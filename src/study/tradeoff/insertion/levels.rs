@@ -1,0 +1,244 @@
+//! Levels of remeshing along one insertion, the probe moved sideways midway (haptic simulator paper, figures 13c and 14).
+
+use super::columns::{TIMES, UNSETTLED, factor, largest, lines, mean_square, times, unsettled};
+use super::course::{self, Course, ENTRY, Step};
+use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use crate::mechanics::insertion::finite::{Finite, Setup};
+use crate::mechanics::needle::Stiffness;
+use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::memory;
+use crate::study::block;
+use crate::study::tradeoff::{Axis, Factor, Figure, Table};
+
+/// The first is what the others are compared with.
+const LEVELS: [(Level, &str); 4] = [
+    (Level::I, "I"),
+    (Level::III, "III"),
+    (Level::IV, "IV"),
+    (Level::Exact, "exact condensed"),
+];
+/// Of them, those that work on a dense inverse.
+const DENSE: usize = 3;
+/// Rings of the probe's candidates that are kept: every second one, as in the paper.
+const EVERY: usize = 2;
+/// Points of a trace for each level.
+const POINTS: usize = 400;
+/// Level I and the exact condensed one solve the same equations. Shapes are iterated until nothing moves by more than 1e-5 mm,
+/// through stiffnesses of needle and tissue below 100 N/mm.
+const SAME_N: f64 = 1e-3;
+
+const FACTORS: [Factor; 2] = [factor("level", "level"), factor("probe", "probe")];
+
+const DIFFERENCES: [Axis; 4] = [
+    Axis::log(
+        "force_before_n",
+        "dF before, N",
+        "difference of the force at the base before the probe moves (root mean square), N",
+    ),
+    Axis::log(
+        "force_after_n",
+        "dF after, N",
+        "difference of the force at the base once the probe moves (root mean square), N",
+    ),
+    Axis::log(
+        "tip_before_mm",
+        "dtip before, mm",
+        "difference of the tip before the probe moves (root mean square), mm",
+    ),
+    Axis::log(
+        "tip_after_mm",
+        "dtip after, mm",
+        "difference of the tip once the probe moves (root mean square), mm",
+    ),
+];
+
+const TRACE: [Axis; 6] = [
+    Axis::linear("time_s", "s", "time, s"),
+    Axis::linear("axial_n", "axial N", "force on the hand along the needle, N"),
+    Axis::linear("across_n", "across N", "force on the hand across the needle, N"),
+    Axis::linear(
+        "tip_aside_mm",
+        "tip mm",
+        "tip beside the straight path, away from the probe, mm",
+    ),
+    Axis::log(
+        "force_difference_n",
+        "dF N",
+        "difference of the force at the base from level I, N",
+    ),
+    Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
+];
+
+pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+    check_memory(options.nodes, memory::available())?;
+    let mut table = Table::new(
+        "levels",
+        "Levels of remeshing along one insertion: differences from level I, times of steps",
+        &FACTORS,
+        &[&DIFFERENCES[..], &TIMES, &[UNSETTLED]].concat(),
+    );
+    let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
+    let mut findings = Findings::default();
+    for (half, probe) in [true, false].into_iter().enumerate() {
+        let mut told = |text: &str, share: f64| progress(text, 0.5 * (half as f64 + share));
+        let course = Course {
+            depth_mm: options.depth_mm,
+            probe,
+        };
+        let mut models = Vec::new();
+        for (at, (level, name)) in LEVELS.into_iter().enumerate() {
+            told(&format!("level {name}: inverse"), 0.6 * at as f64 / LEVELS.len() as f64);
+            models.push(model(options.nodes, level, probe)?);
+        }
+        if probe {
+            findings.about = about(options, &models);
+        }
+        let traces = course.drive(&mut models, options.passes, |share| {
+            told("levels along the insertion", 0.6 + 0.4 * share);
+        })?;
+        for ((_, name), steps) in LEVELS.into_iter().zip(&traces) {
+            let choices = vec![name.to_owned(), if probe { "with" } else { "without" }.to_owned()];
+            let differences = differences(&course, &traces[0], steps);
+            let force = largest(traces[0].iter().zip(steps).map(|(a, b)| (a.force_n - b.force_n).norm()));
+            let same = name != "exact condensed" || force <= SAME_N;
+            let flag = (!same).then(|| format!("off level I by {force:.1e} N: at most {SAME_N:.0e} is expected"));
+            let own = differences.map(|it| (name != "I").then_some(it));
+            let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
+            table.push(choices.clone(), values, flag);
+            add_trace(&mut trace, &choices, &course, &traces[0], steps);
+        }
+    }
+    findings.tables = vec![table, trace];
+    findings.figures = figures();
+    Ok(findings)
+}
+
+fn about(options: &InsertionOptions, models: &[Finite]) -> Vec<(&'static str, String)> {
+    let mesh = models[0].mesh();
+    let candidates = course::probe(mesh, EVERY).candidates.len();
+    vec![
+        ("nodes", mesh.nodes().len().to_string()),
+        ("elements", mesh.elements().len().to_string()),
+        ("probe_candidates", candidates.to_string()),
+        ("depth_mm", options.depth_mm.to_string()),
+        ("simulated_step_ms", (1e3 * course::STEP_S).to_string()),
+    ]
+}
+
+fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, InsertionStudyError> {
+    let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
+    let tissue = course::tissue(nodes, needle)?;
+    course::model(Setup {
+        probe: probe.then(|| course::probe(&tissue.mesh, EVERY)),
+        level,
+        precision: Precision::Double,
+        ..tissue
+    })
+}
+
+/// The values of [`DIFFERENCES`].
+fn differences(course: &Course, first: &[Step], other: &[Step]) -> [f64; 4] {
+    let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
+    let tip = |(a, b): (&Step, &Step)| (a.tip_mm - b.tip_mm).norm();
+    let pairs = || first.iter().zip(other);
+    let moved = course.moved();
+    [
+        mean_square(pairs().take(moved).map(force)),
+        mean_square(pairs().skip(moved).map(force)),
+        mean_square(pairs().take(moved).map(tip)),
+        mean_square(pairs().skip(moved).map(tip)),
+    ]
+}
+
+fn add_trace(table: &mut Table, choices: &[String], course: &Course, first: &[Step], steps: &[Step]) {
+    let every = course.steps().div_ceil(POINTS);
+    for (at, (these, gold)) in steps.chunks(every).zip(first.chunks(every)).enumerate() {
+        let Some(last) = these.last() else { continue };
+        let difference = largest(these.iter().zip(gold).map(|(a, b)| (a.force_n - b.force_n).norm()));
+        table.push(
+            choices.to_vec(),
+            vec![
+                Some(course.time_s(at * every + these.len() - 1)),
+                Some(last.force_n.z),
+                Some(last.force_n.y),
+                Some(last.tip_mm.y - ENTRY[1]),
+                (choices[0] != "I").then_some(difference),
+                Some(largest(these.iter().map(|step| step.ms))),
+            ],
+            None,
+        );
+    }
+}
+
+fn figures() -> Vec<Figure> {
+    let with = |probe: &str| vec![("probe", probe.to_owned())];
+    let table = "levels-along";
+    vec![
+        Figure {
+            only: with("with"),
+            ..lines(
+                "insertion-force-difference",
+                "Force at the needle's base: how far from level I?",
+                table,
+                ["time_s", "force_difference_n"],
+                "level",
+            )
+        },
+        Figure {
+            only: with("with"),
+            ..lines(
+                "insertion-tip",
+                "The needle's tip, the probe moved towards it midway",
+                table,
+                ["time_s", "tip_aside_mm"],
+                "level",
+            )
+        },
+        Figure {
+            only: with("with"),
+            ..lines(
+                "insertion-force",
+                "Force on the hand along the needle",
+                table,
+                ["time_s", "axial_n"],
+                "level",
+            )
+        },
+        Figure {
+            only: vec![("level", "exact condensed".to_owned())],
+            ..lines(
+                "insertion-step-time",
+                "Time of a step with and without the probe, exact condensed",
+                table,
+                ["time_s", "step_ms"],
+                "probe",
+            )
+        },
+        Figure {
+            only: with("with"),
+            ..lines(
+                "insertion-step-time-levels",
+                "Time of a step at each level, with the probe",
+                table,
+                ["time_s", "step_ms"],
+                "level",
+            )
+        },
+    ]
+}
+
+/// Checks what the dense inverses of the levels need at their height against what there is: one more while it is computed.
+pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), InsertionStudyError> {
+    let floor = (nodes as f64).powf(2.0 / 3.0) as usize / 2;
+    let size = 3 * nodes.saturating_sub(floor);
+    let needed = (DENSE + 1).saturating_mul(Symmetric::<f64>::bytes_of(size));
+    match available {
+        Some(available) if needed > available => Err(InsertionStudyError::Memory {
+            nodes,
+            needed,
+            available,
+        }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,310 @@
+//! Masses and springs against finite elements: the same cylinder of tissue, held alike, the same nodes, the same insertion of a
+//! rigid needle.
+//!
+//! Springs know no Poisson's ratio: in a network without directions they behave as a material of 1/4 does. So finite elements
+//! take part with that ratio too, which tells the error of the model from that of the material.
+
+use nalgebra::{Point3, Vector3};
+
+use super::columns::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
+use super::course::{self, Step, timed};
+use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use crate::mechanics::insertion::finite::{Finite, Options, Setup};
+use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
+use crate::mechanics::insertion::{Imager, Interaction, Model, Snapshot, Tissue};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::locator::{Locator, NONE};
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::study::block;
+use crate::study::tradeoff::{Axis, Factor, Table};
+
+/// Rings and layers of the cylinder: nodes every 5 mm, every 8.3 mm.
+const GRIDS: [[usize; 2]; 2] = [[5, 20], [3, 12]];
+/// How far the tip goes in a step, mm.
+const ADVANCE_MM: f64 = 0.02;
+/// Where tissue is compared: distances from the needle, mm, and how many places around it.
+const AROUND: ([f64; 4], usize) = ([2.0, 4.0, 6.0, 10.0], 8);
+/// Distance of those places along the needle, mm.
+const ALONG_MM: f64 = 2.5;
+const FINITE: &str = "finite elements";
+const SPRINGS: &str = "masses and springs";
+
+const FACTORS: [Factor; 3] = [
+    factor("model", "model"),
+    factor("poisson", "nu"),
+    factor("spacing_mm", "spacing, mm"),
+];
+
+const AXES: [Axis; 5] = [
+    Axis::linear(
+        "tissue_percent",
+        "du, %",
+        "difference of displacements (root mean square), %",
+    ),
+    Axis::log("tissue_mm", "du, mm", "largest difference of displacements there, mm"),
+    Axis::log(
+        "back_percent",
+        "du back, %",
+        "the same with the needle drawn half way back (root mean square), %",
+    ),
+    Axis::log(
+        "force_rms_n",
+        "dF, N",
+        "difference of the force at the base (root mean square), N",
+    ),
+    Axis::log("force_n", "dF max, N", "largest difference of the force at the base, N"),
+];
+
+/// Tissue from z = 0 on.
+#[derive(Debug)]
+struct HalfSpace;
+
+impl Anatomy for HalfSpace {
+    fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
+        (point_mm.z > 0.0).then_some(0)
+    }
+
+    fn interaction(&self, _: i32) -> Interaction {
+        block::USUAL
+    }
+}
+
+/// One way to calculate the insertion.
+struct Contender {
+    choices: Vec<String>,
+    model: Box<dyn Model>,
+    imager: Box<dyn Imager>,
+    /// Of the nodes in their reference state.
+    locator: Locator<f64>,
+}
+
+/// What it came to.
+#[derive(Default)]
+struct Found {
+    steps: Vec<Step>,
+    /// Displacements with the needle in, and half way back.
+    fields: [Vec<Vector3<f64>>; 2],
+}
+
+pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+    let mut contenders = Vec::new();
+    for grid in GRIDS {
+        for poisson in [0.45, 0.25] {
+            contenders.push(finite(grid, poisson)?);
+        }
+        contenders.push(springs(grid)?);
+    }
+    let mut found: Vec<Found> = contenders.iter().map(|_| Found::default()).collect();
+    let count = contenders.len();
+    let runs = (options.passes * count) as f64;
+    for pass in 0..options.passes {
+        for (at, (contender, found)) in contenders.iter_mut().zip(&mut found).enumerate() {
+            let share = (pass * count + at) as f64 / runs;
+            progress("masses and springs against finite elements", share);
+            contender.insert(options.depth_mm, found)?;
+        }
+    }
+    let mut table = Table::new(
+        "masses",
+        "Masses and springs against finite elements: differences from the first row",
+        &FACTORS,
+        &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
+    );
+    let gold = &found[0];
+    for (contender, found) in contenders.iter().zip(&found) {
+        let own = differences(gold, found).map(|it| (!std::ptr::eq(gold, found)).then_some(it));
+        let values = [&own[..], &times(&found.steps), &[unsettled(&found.steps)]].concat();
+        table.push(contender.choices.clone(), values, None);
+    }
+    let title = "Masses and springs, finite elements: tissue within 10 mm of the needle";
+    let mut figure = points(
+        "insertion-masses",
+        title,
+        "masses",
+        ["median_ms", "tissue_percent"],
+        "model",
+    );
+    figure.marker = vec!["poisson", "spacing_mm"];
+    let notes = recommendation(&table).into_iter().collect();
+    Ok(Findings {
+        tables: vec![table],
+        figures: vec![figure],
+        notes,
+        ..Findings::default()
+    })
+}
+
+/// What to take, in words.
+fn recommendation(table: &Table) -> Option<String> {
+    let row = |model: &str, poisson: &str| {
+        let mut rows = table.rows.iter();
+        rows.find(|row| row.choices[0] == model && (poisson.is_empty() || row.choices[1] == poisson))
+    };
+    let (finite, alike, springs) = (row(FINITE, "0.45")?, row(FINITE, "0.25")?, row(SPRINGS, "")?);
+    let value = |row: &crate::study::tradeoff::Row, key: &str| row.values[table.axis(key)?];
+    let slower = value(springs, "median_ms")? / value(finite, "median_ms")?;
+    let (off, material) = (value(springs, "tissue_percent")?, value(alike, "tissue_percent")?);
+    let advice = match slower > 1.0 {
+        true => {
+            "take finite elements wherever the tissue has a mesh, and masses and springs where there is none: they need only to know \
+             what lies where"
+        }
+        false => {
+            "take finite elements where displacements matter, masses and springs where time alone does, or where there is no mesh"
+        }
+    };
+    Some(format!(
+        "masses and springs: a step takes {slower:.2} times the median time of finite elements, and tissue is displaced {off:.0} % \
+         otherwise (finite elements with nu = 0.25 in place of 0.45: {material:.0} %); {advice}"
+    ))
+}
+
+fn parameters([rings, layers]: [usize; 2]) -> Parameters {
+    Parameters {
+        rings,
+        layers,
+        ..Parameters::default()
+    }
+}
+
+fn mass_spring(parameters: Parameters) -> Result<MassSpring, InsertionStudyError> {
+    Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
+}
+
+/// The cylinder of the mass-spring model, as it lies when the needle comes to the skin.
+fn cylinder(parameters: Parameters) -> Result<TetMesh, InsertionStudyError> {
+    let mut model = mass_spring(parameters)?;
+    model.step(&block::tip_at([0.0; 3]), course::STEP_S)?;
+    let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+    model.snapshot(&mut snapshot);
+    let mut imager = model.imager();
+    imager.tissue(&snapshot, &mut tissue);
+    let elements = imager.elements().to_vec();
+    let regions = vec![0; elements.len()];
+    Ok(TetMesh::new(tissue.reference, elements, regions)?)
+}
+
+fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
+    let spacing = parameters.length_mm / parameters.layers as f64;
+    vec![model.to_owned(), poisson.to_owned(), format!("{spacing:.1}")]
+}
+
+fn springs(grid: [usize; 2]) -> Result<Contender, InsertionStudyError> {
+    let parameters = parameters(grid);
+    let choices = choices(SPRINGS, "-", &parameters);
+    let model = Box::new(mass_spring(parameters)?);
+    Ok(Contender::new(choices, &cylinder(parameters)?, model))
+}
+
+fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, InsertionStudyError> {
+    let parameters = parameters(grid);
+    let mesh = cylinder(parameters)?;
+    // As the cylinder of masses is held: at its side and its far end.
+    let [radius, length] = [parameters.radius_mm, parameters.length_mm].map(|it| it * (1.0 - 1e-9));
+    let held = (0..).zip(mesh.nodes());
+    let held = held.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
+    let setup = Setup {
+        materials: vec![Material::new(parameters.young_kpa, poisson)?; mesh.elements().len()],
+        fixed: held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
+        interactions: vec![(0, block::USUAL)],
+        needle: block::rigid()?,
+        probe: None,
+        level: Level::Exact,
+        precision: Precision::Double,
+        options: Options::default(),
+        mesh: mesh.clone(),
+    };
+    let mut finite = Finite::new(setup, |_, _| {})?;
+    finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm);
+    let choices = choices(FINITE, &poisson.to_string(), &parameters);
+    Ok(Contender::new(choices, &mesh, Box::new(finite)))
+}
+
+impl Contender {
+    fn new(choices: Vec<String>, mesh: &TetMesh, model: Box<dyn Model>) -> Contender {
+        Contender {
+            choices,
+            imager: model.imager(),
+            locator: Locator::new(mesh),
+            model,
+        }
+    }
+
+    /// Needle in and out again.
+    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), InsertionStudyError> {
+        let way = (depth_mm / ADVANCE_MM).round() as usize;
+        let first = found.steps.is_empty();
+        for step in 0..=2 * way {
+            let depth = depth_mm * (way - step.abs_diff(way)) as f64 / way as f64;
+            let now = timed(&mut *self.model, &block::tip_at([0.0, 0.0, depth]))?;
+            if !first {
+                found.steps[step].ms = found.steps[step].ms.min(now.ms);
+                continue;
+            }
+            found.steps.push(now);
+            for (at, field) in [way, way + way / 2].into_iter().zip(&mut found.fields) {
+                if step == at {
+                    *field = self.field(depth_mm)?;
+                }
+            }
+        }
+        self.model.step(&block::tip_at([0.0, 0.0, -1.0]), 1.0)?;
+        Ok(())
+    }
+
+    /// How tissue around the needle is displaced now, mm.
+    fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, InsertionStudyError> {
+        let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+        self.model.snapshot(&mut snapshot);
+        self.imager.tissue(&snapshot, &mut tissue);
+        self.locator.update(&tissue.reference)?;
+        let elements = self.imager.elements();
+        let at = |place: [f64; 3]| {
+            let hit = self.locator.locate(place, NONE);
+            let corners = elements.get(hit.element as usize).into_iter().flatten();
+            let pairs = corners.zip(hit.bary).map(|(node, share)| {
+                let [to, from] = [&tissue.current, &tissue.reference].map(|it| Vector3::from(it[*node as usize]));
+                (to - from) * share
+            });
+            pairs.sum()
+        };
+        Ok(places(depth_mm).map(at).collect())
+    }
+}
+
+/// Where tissue is compared.
+fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
+    let (radii, around) = AROUND;
+    let layers = (depth_mm / ALONG_MM) as usize;
+    (0..layers).flat_map(move |layer| {
+        let z = (layer as f64 + 0.5) * ALONG_MM;
+        radii.into_iter().flat_map(move |radius| {
+            (0..around).map(move |n| {
+                let (sine, cosine) = (std::f64::consts::TAU * (n as f64 + 0.3) / around as f64).sin_cos();
+                [radius * cosine, radius * sine, z]
+            })
+        })
+    })
+}
+
+/// The values of [`AXES`].
+fn differences(gold: &Found, other: &Found) -> [f64; 5] {
+    let field = |at: usize| {
+        let pairs = || gold.fields[at].iter().zip(&other.fields[at]);
+        let off = mean_square(pairs().map(|(a, b)| (a - b).norm()));
+        let all = mean_square(pairs().map(|(a, _)| a.norm()));
+        (100.0 * off / all, largest(pairs().map(|(a, b)| (a - b).norm())))
+    };
+    let force = || {
+        let pairs = gold.steps.iter().zip(&other.steps);
+        pairs.map(|(a, b)| (a.force_n - b.force_n).norm())
+    };
+    [
+        field(0).0,
+        field(0).1,
+        field(1).0,
+        mean_square(force()),
+        largest(force()),
+    ]
+}

@@ -1,0 +1,120 @@
+use super::*;
+use crate::study::tradeoff::Row;
+
+fn small(part: Part) -> InsertionOptions {
+    InsertionOptions {
+        nodes: 300,
+        depth_mm: 12.0,
+        bevel_depth_mm: 40.0,
+        passes: 1,
+        parts: vec![part],
+    }
+}
+
+fn of(part: Part) -> Study {
+    let mut told = Vec::new();
+    let study = study(&small(part), &mut |_, share| told.push(share)).unwrap();
+    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    let wrong = study.tables.iter().flat_map(|table| &table.rows);
+    let wrong: Vec<&Row> = wrong.filter(|row| row.flag.is_some()).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+    assert_eq!(study.plots().len(), study.figures.len(), "every figure has points");
+    study
+}
+
+fn value(study: &Study, choices: &[&str], key: &str) -> Option<f64> {
+    let table = &study.tables[0];
+    let row = table.rows.iter().find(|row| row.choices == choices).unwrap();
+    row.values[table.axis(key).unwrap()]
+}
+
+/// The exact condensed level equals I (or its row would be flagged), III comes nearer than IV.
+#[test]
+fn levels_differ_as_they_must() {
+    let study = of(Part::Levels);
+    let of = |level: &str, key: &str| value(&study, &[level, "with"], key);
+    assert_eq!(of("I", "force_after_n"), None);
+    assert!(of("III", "tip_after_mm") < of("IV", "tip_after_mm") && of("IV", "tip_after_mm") > Some(1e-3));
+    assert!(of("exact condensed", "tip_after_mm") < Some(1e-3));
+    for key in ["median_ms", "p95_ms", "p99_ms", "max_ms", "remesh_max_ms"] {
+        assert!(of("exact condensed", key) > Some(0.0), "{key}");
+    }
+    assert_eq!(study.tables[0].rows.len(), 8);
+    assert!(!study.text().contains("tip_aside_mm") && !study.text().contains("Along the insertion"));
+    assert!(study.tables[1].rows.len() > 8 * 100 && study.tables[1].csv().contains("tip_aside_mm"));
+}
+
+/// More r, more deflection, and more of it deeper; none without a bevel (or rows would be flagged).
+#[test]
+fn bevels_deflect_in_proportion() {
+    let study = of(Part::Bevel);
+    let aside = |r: &str| value(&study, &[r], "deflection_mm").unwrap();
+    assert!(aside("0").abs() < 0.05);
+    assert!((aside("0.8") / aside("0.4") - 2.0).abs() < 0.2);
+    assert!(value(&study, &["0.8"], "half_mm").unwrap() < 0.6 * aside("0.8"));
+}
+
+#[test]
+fn masses_and_springs_are_set_against_finite_elements() {
+    let study = of(Part::Masses);
+    let springs = &["masses and springs", "-", "5.0"];
+    let percent = value(&study, springs, "tissue_percent").unwrap();
+    assert!((1.0..100.0).contains(&percent), "{percent} %");
+    assert_eq!(
+        value(&study, &["finite elements", "0.45", "5.0"], "tissue_percent"),
+        None
+    );
+    assert!(value(&study, springs, "median_ms") > Some(0.0));
+    assert!(
+        study.notes[0].contains("masses and springs: a step takes"),
+        "{:?}",
+        study.notes
+    );
+}
+
+/// Fewer candidates hold less; without thinning nothing differs.
+#[test]
+fn thinning_is_a_trade() {
+    let study = of(Part::Thinning);
+    assert_eq!(value(&study, &["1"], "probe_percent"), None);
+    assert!(value(&study, &["2"], "probe_percent") > Some(1.0));
+    assert!(value(&study, &["2"], "candidates") < value(&study, &["1"], "candidates"));
+}
+
+/// Shapes of angular springs converge as links shorten: an error of the square of their length leaves room for 2 of 4.
+#[test]
+fn shorter_links_come_nearer() {
+    let study = of(Part::Links);
+    let tip = |link: &str| value(&study, &[link], "tip_mm").unwrap();
+    assert!(
+        tip("20") > 2.0 * tip("5") && tip("10") > 2.0 * tip("2.5"),
+        "{}",
+        study.text()
+    );
+    assert_eq!(value(&study, &["1.25"], "tip_mm"), None);
+}
+
+#[test]
+fn sizes_out_of_range_are_refused_with_what_is_expected() {
+    type Spoil = fn(&mut InsertionOptions);
+    let spoils: [(Spoil, &str); 6] = [
+        (|it| it.nodes = 7, "100 to 100000"),
+        (|it| it.depth_mm = 90.0, "10 to 80 mm"),
+        (|it| it.depth_mm = f64::NAN, "10 to 80 mm"),
+        (|it| it.bevel_depth_mm = 150.0, "10 to 140 mm"),
+        (|it| it.passes = 0, "1 to 1000"),
+        (|it| it.parts.clear(), "1 or more"),
+    ];
+    for (spoil, expected) in spoils {
+        let mut options = small(Part::Bevel);
+        spoil(&mut options);
+        let refused = study(&options, &mut |_, _| {}).unwrap_err();
+        assert!(refused.to_string().contains(expected), "{refused}");
+    }
+    let refused = levels::check_memory(30_000, Some(1 << 30)).unwrap_err();
+    assert!(
+        matches!(refused, InsertionStudyError::Memory { nodes: 30_000, .. }),
+        "{refused}"
+    );
+    assert!(levels::check_memory(500, Some(1 << 30)).is_ok() && levels::check_memory(30_000, None).is_ok());
+}
