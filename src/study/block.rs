@@ -38,6 +38,14 @@ pub fn mirrored(extent: [f64; 3], cell_mm: f64) -> Result<TetMesh, InvalidMesh> 
     TetMesh::mirrored_lattice(cells(extent, cell_mm), &scaling(extent))
 }
 
+/// Equal cells over a block.
+///
+/// # Errors
+/// [`InvalidMesh`].
+pub fn plain(extent: [f64; 3], cell_mm: f64) -> Result<TetMesh, InvalidMesh> {
+    TetMesh::lattice(cells(extent, cell_mm), &scaling(extent))
+}
+
 fn cells(extent: [f64; 3], cell_mm: f64) -> [usize; 3] {
     extent.map(|edge| (edge / cell_mm).round() as usize)
 }

@@ -12,8 +12,10 @@
 //! | [`report`] | the table, as text, Markdown and JSON |
 //! | `solving` | elements, solvers, the inverse |
 //! | `remeshing` | remeshing and constraints |
+//! | `contact` | contact, needle, time |
 
 pub mod case;
+mod contact;
 pub mod record;
 mod remeshing;
 pub mod report;
@@ -28,7 +30,7 @@ pub use report::{CaseReport, Report};
 use super::machine::Machine;
 
 /// Every group, in the order in which it is shown.
-pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP];
+pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, contact::GROUP];
 
 /// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
 pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {

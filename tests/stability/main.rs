@@ -28,11 +28,20 @@ fn remeshing_and_constraints_hold() {
 }
 
 #[test]
+fn contact_needle_and_time_hold() {
+    check("Contact, needle, time");
+}
+
+#[test]
 fn every_group_is_tested() {
     let names: Vec<&str> = GROUPS.iter().map(|group| group.name).collect();
     assert_eq!(
         names,
-        ["Elements, solvers, inverse", "Remeshing and constraints"],
+        [
+            "Elements, solvers, inverse",
+            "Remeshing and constraints",
+            "Contact, needle, time"
+        ],
         "a test for each, please"
     );
 }

@@ -2,7 +2,7 @@
 
 use insonify::mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, Tissue};
 
-use super::support::{USUAL, assert_finite, build, events, go, kinds, on_path, resistance, setup, travel};
+use super::support::{USUAL, build, events, kinds, on_path, resistance, setup, travel};
 
 /// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out only the
 /// friction, the other way (haptic simulator paper, figures 4 and 13b).
@@ -123,63 +123,6 @@ fn the_image_gets_tissue_that_lies_on_the_needle_and_comes_back() {
     imager.tissue(&snapshot, &mut tissue);
     assert_eq!((&tissue.reference, &tissue.current), (&rest, &rest));
     assert_eq!(finite.held(), 0);
-}
-
-/// 30 times in and out (the stability table has 1,000): the trace of the last equals that of the second to 1e-6 N, and
-/// nothing is left.
-#[test]
-fn cycles_repeat() {
-    let mut finite = build(setup(USUAL));
-    let cycle = |finite: &mut _| {
-        let mut forces = Vec::new();
-        for (from, to) in [(-2.0, 35.0), (35.0, -2.0)] {
-            forces.extend(travel(finite, from, to, 0.5).iter().map(|it| it.on_hand.force_n));
-        }
-        forces
-    };
-    cycle(&mut finite);
-    let second = cycle(&mut finite);
-    let mut last = Vec::new();
-    for _ in 2..30 {
-        last = cycle(&mut finite);
-    }
-    let largest = second
-        .iter()
-        .zip(&last)
-        .map(|(a, b)| (a - b).norm())
-        .fold(0.0, f64::max);
-    assert!(largest < 1e-6, "{largest:e} N");
-    assert_eq!(last.last().map(|force| force.norm()), Some(0.0));
-    assert_eq!((finite.held(), finite.contact_forces().count()), (0, 0));
-}
-
-/// The needle reverses at every step: forces stay within Coulomb's bounds, and friction never gives work back.
-#[test]
-fn reversals_stay_within_the_bounds() {
-    let mut finite = build(setup(USUAL));
-    travel(&mut finite, -1.0, 40.0, 0.25);
-    let mut work = 0.0;
-    let mut z = 40.0;
-    for step in 0..400 {
-        let next = if step % 2 == 0 { 39.0 } else { 40.0 };
-        let outcome = go(&mut finite, next);
-        assert_finite(&outcome);
-        let bound = 0.02 * (outcome.inserted_mm + 1e-9) + 0.5;
-        assert!(resistance(&outcome).abs() <= bound * (1.0 + 1e-10), "{outcome:?}");
-        work += resistance(&outcome) * (next - z);
-        z = next;
-    }
-    // The last two steps close a cycle: the hand has put work in, or nothing moved against friction.
-    assert!(work > -1e-9, "{work}");
-    // At rest nothing changes any more.
-    let rest = go(&mut finite, z);
-    let again = go(&mut finite, z);
-    // But for what the tolerance of the iterations, 1e-5 mm, leaves open through stiffnesses of some N/mm.
-    assert_eq!(rest.stuck, again.stuck);
-    assert!(
-        (rest.on_hand.force_n - again.on_hand.force_n).norm() < 1e-4,
-        "{rest:?} {again:?}"
-    );
 }
 
 /// dt is of no matter to tissue without inertia or memory.

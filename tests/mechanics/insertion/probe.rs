@@ -4,7 +4,7 @@ use insonify::mechanics::insertion::finite::{Finite, Setup};
 use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact, Snapshot, Tissue};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::support::{USUAL, assert_finite, build, kinds, setup, tip_at};
+use super::support::{USUAL, build, setup, tip_at};
 
 const NOMINAL: [f64; 3] = [30.0, -10.0, 70.0];
 
@@ -156,30 +156,6 @@ fn a_probe_beside_a_needle_is_felt_by_the_hand() {
         assert!(last.converged);
     }
     assert!(last.on_hand.force_n.y > before + 0.1, "{before} {last:?}");
-}
-
-/// The probe pushed through the tissue: told, finite, and undone when it is drawn back.
-#[test]
-fn crushed_tissue_is_told() {
-    let mut finite = build(pressed(1));
-    let outcome = press(&mut finite, [0.0, 45.0, 0.0]);
-    assert_finite(&outcome);
-    let mut imager = finite.imager();
-    let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
-    finite.snapshot(&mut snapshot);
-    imager.tissue(&snapshot, &mut tissue);
-    assert!(tissue.inverted > 0);
-    assert!(tissue.current.iter().flatten().all(|x| x.is_finite()));
-    // A needle into that finds its way, or says that it does not.
-    for step in 0..80 {
-        let instruments = Instruments {
-            probe: Some(pose([0.0, 45.0, 0.0])),
-            ..tip_at([31.3, 50.0, 0.5 * f64::from(step) - 2.0])
-        };
-        assert_finite(finite.step(&instruments, 1e-3).expect("a step"));
-    }
-    let back = press(&mut finite, [0.0; 3]);
-    assert!(back.on_probe.expect("a probe").force_n.norm() < 1e-6 || !kinds(&[back]).is_empty());
 }
 
 /// What is not named is not there: no probe, no candidates.

@@ -1,0 +1,84 @@
+//! Contact, needle, time.
+
+mod belt;
+mod bone;
+mod cycles;
+mod large;
+mod reversal;
+mod setup;
+mod steps;
+mod stiffness;
+
+use super::case::{Case, Group};
+
+/// The cases.
+pub const GROUP: Group = Group {
+    name: "Contact, needle, time",
+    cases: &[
+        Case {
+            name: "reversal at every step",
+            criterion: "1e4 steps: forces inside Coulomb's bound to 1e-10 of it, dissipation never negative, states settle when \
+                        motion stops",
+            covers: &["finite elements", "masses and springs"],
+            seed: 61,
+            run: reversal::chatter,
+        },
+        Case {
+            name: "switches as dt falls",
+            criterion: "a needle that swings, dt from 1e-2 to 1e-4 s: each contact changes its state no more often than the needle turns",
+            covers: &["finite elements"],
+            seed: 62,
+            run: reversal::switches,
+        },
+        Case {
+            name: "a block on a belt",
+            criterion: "static over sliding friction above 1: period (Fs - Fd)/(k v), to a step",
+            covers: &["finite elements"],
+            seed: 63,
+            run: belt::period,
+        },
+        Case {
+            name: "soft and stiff",
+            criterion: "needle 1e3 times stiffer and softer, tissue 0.1 kPa to 1 MPa: converged or reported, no growth over 1e4 steps",
+            covers: &["finite elements"],
+            seed: 64,
+            run: stiffness::contrasts,
+        },
+        Case {
+            name: "base moved 50 mm in a step",
+            criterion: "sub-stepped, converged or reported, no element passed unseen: as many contacts as in small steps, to one",
+            covers: &["finite elements", "masses and springs"],
+            seed: 66,
+            run: large::far,
+        },
+        Case {
+            name: "in and out",
+            criterion: "1,000 times: the trace of the last equals that of the second to 1e-6 N; no force, displacement, contact or \
+                        memory left",
+            covers: &["finite elements", "masses and springs"],
+            seed: 67,
+            run: cycles::many,
+        },
+        Case {
+            name: "steps of any length",
+            criterion: "1e-5 to 0.1 s, tissue 1e4 times as stiff: bounded, and the limit of explicit steps kept",
+            covers: &["masses and springs"],
+            seed: 68,
+            run: steps::any,
+        },
+        Case {
+            name: "bone",
+            criterion: "hit at 1 mm and 10 mm a step: force finite, penetration no deeper than stated",
+            covers: &["finite elements", "masses and springs"],
+            seed: 69,
+            run: bone::hit,
+        },
+        Case {
+            name: "a probe that crushes tissue",
+            criterion: "inverted elements detected and reported, everything finite, undone when it is drawn back",
+            covers: &["finite elements"],
+            seed: 70,
+            run: large::crushed,
+        },
+    ],
+};

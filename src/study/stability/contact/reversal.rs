@@ -1,0 +1,154 @@
+//! The needle turns back and forth.
+
+use std::collections::BTreeMap;
+
+use super::setup::{STEP_S, Watch, build, coarse, go, resistance, springs, tissue, travel};
+use crate::mechanics::insertion::Model;
+use crate::mechanics::insertion::finite::Finite;
+use crate::study::block::USUAL;
+use crate::study::stability::record::{Record, Unexpected, largest};
+
+/// How deep the needle is, mm.
+const DEPTH_MM: f64 = 40.0;
+/// How far it turns back, mm: contacts stick throughout, slip in part, slip all over, and come off.
+const SWINGS_MM: [f64; 4] = [0.01, 0.3, 1.0, 8.0];
+/// By how much forces may exceed their bound.
+const BOUND: f64 = 1e-10;
+/// What dissipation may lack, N mm: the slip that counts as rest, 1e-9 mm, under the largest force here, 2 N.
+const IDLE_NMM: f64 = 2e-9;
+/// Forces differ from step to step by the tolerance of the iterations, 1e-5 mm, through stiffnesses of some N/mm.
+const STILL_N: f64 = 1e-4;
+/// Steps at rest.
+const REST: usize = 20;
+
+/// Full reversal at every step.
+pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let steps = record.effort().pick(500, 10_000);
+    let count = SWINGS_MM.len() as f64;
+    for (at, swing) in SWINGS_MM.into_iter().enumerate() {
+        record.done(at as f64 / count);
+        let mut finite = build(tissue(USUAL)?)?;
+        let name = format!("finite elements, {swing} mm");
+        travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |_| {})?;
+        let mut arcs = arcs(&finite);
+        let (mut watch, mut excess, mut least) = (Watch::default(), f64::NEG_INFINITY, f64::INFINITY);
+        for step in 0..steps {
+            let outcome = go(&mut finite, turned(step, swing))?;
+            watch.see(outcome);
+            let bound = USUAL.friction_n_per_mm * outcome.inserted_mm + USUAL.cutting_n;
+            excess = largest_of(excess, resistance(outcome).abs() / bound - 1.0);
+            least = least.min(dissipated(&finite, &mut arcs));
+        }
+        watch.write(record, &name);
+        record.under(format!("force over Coulomb's bound, {name}"), excess, BOUND);
+        record.under(
+            format!("work that friction gives back in a step, N mm, {name}"),
+            -least,
+            IDLE_NMM,
+        );
+        settles(record, &mut finite, turned(steps - 1, swing), &name)?;
+
+        let mut springs = springs(coarse(), USUAL)?;
+        let name = format!("masses and springs, {swing} mm");
+        travel(&mut springs, [-2.0, DEPTH_MM], 0.1, |_| {})?;
+        let (mut watch, mut excess) = (Watch::default(), f64::NEG_INFINITY);
+        for step in 0..steps {
+            let outcome = go(&mut springs, turned(step, swing))?;
+            watch.see(outcome);
+            // Within a step the tip has been as deep as at the one before.
+            let bound = USUAL.friction_n_per_mm * (DEPTH_MM + 0.1) + USUAL.cutting_n;
+            excess = largest_of(excess, resistance(outcome).abs() / bound - 1.0);
+        }
+        watch.write(record, &name);
+        record.under(format!("force over Coulomb's bound, {name}"), excess, BOUND);
+        // Tissue of masses comes to rest in its own time.
+        for _ in 0..REST {
+            springs.step(&crate::study::block::tip_at(at_rest(turned(steps - 1, swing))), 0.1)?;
+        }
+        settles(record, &mut springs, turned(steps - 1, swing), &name)?;
+    }
+    Ok(())
+}
+
+fn at_rest(z: f64) -> [f64; 3] {
+    [super::setup::ASIDE[0], super::setup::ASIDE[1], z]
+}
+
+/// Where the tip is at a step.
+fn turned(step: usize, swing: f64) -> f64 {
+    if step.is_multiple_of(2) {
+        DEPTH_MM - swing
+    } else {
+        DEPTH_MM
+    }
+}
+
+/// The larger one; NaN where one is.
+fn largest_of(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
+
+/// Where contacts are along the shaft, by node.
+fn arcs(finite: &Finite) -> BTreeMap<u32, f64> {
+    finite.contact_forces().map(|(node, arc, _)| (node, arc)).collect()
+}
+
+/// What friction of each contact dissipates in the step that has been made, N mm: the least of them.
+fn dissipated(finite: &Finite, arcs: &mut BTreeMap<u32, f64>) -> f64 {
+    let mut least = f64::INFINITY;
+    let before = std::mem::take(arcs);
+    for (node, arc, force) in finite.contact_forces() {
+        if let Some(from) = before.get(&node) {
+            // The force on tissue is against its slip along the shaft, which is along z.
+            least = least.min(-force.z * (arc - from));
+        }
+        arcs.insert(node, arc);
+    }
+    least
+}
+
+/// Notes what still changes once the needle has rested at a depth for some steps.
+fn settles(record: &mut Record<'_>, model: &mut dyn Model, z: f64, name: &str) -> Result<(), Unexpected> {
+    for _ in 0..REST {
+        go(model, z)?;
+    }
+    let mut before = go(model, z)?.clone();
+    let (mut switches, mut change) = (0, 0.0);
+    for _ in 0..REST {
+        let now = go(model, z)?;
+        switches += before.stuck.abs_diff(now.stuck);
+        change = largest([change, (now.on_hand.force_n - before.on_hand.force_n).norm()]);
+        before = now.clone();
+    }
+    record.zero(format!("changes of state at rest, {name}"), switches as f64);
+    record.under(format!("change of force in a step at rest, N, {name}"), change, STILL_N);
+    Ok(())
+}
+
+/// A needle that swings as a sine does, in ever shorter steps.
+pub fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    const SWING_MM: f64 = 1.0;
+    const PERIODS: usize = 2;
+    let steps = record.effort().pick(&[25, 250][..], &[25, 250, 2500][..]);
+    for (at, &steps) in steps.iter().enumerate() {
+        record.done(at as f64 / 3.0);
+        let mut finite = build(tissue(USUAL)?)?;
+        travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |_| {})?;
+        let (mut stuck, mut count, mut most) = (finite.outcome().stuck, 0, 0);
+        for step in 1..=PERIODS * steps {
+            let phase = std::f64::consts::TAU * step as f64 / steps as f64;
+            let outcome = go(&mut finite, DEPTH_MM - 0.5 * SWING_MM * (1.0 - phase.cos()))?;
+            count += outcome.stuck.abs_diff(stuck);
+            (stuck, most) = (outcome.stuck, most.max(outcome.contacts));
+        }
+        // At each of the two turns of a period a contact sticks, and slips again at most.
+        let limit = (4 * PERIODS * (most + 1)) as f64;
+        let dt = 0.25 * STEP_S * 1000.0 / steps as f64;
+        record.under(
+            format!("changes of state in {PERIODS} periods of 0.25 s, dt = {dt:.0e} s"),
+            count as f64,
+            limit,
+        );
+    }
+    Ok(())
+}

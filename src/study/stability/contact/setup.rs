@@ -1,0 +1,147 @@
+//! Tissue of both kinds, and a hand that moves a needle in it.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::mechanics::insertion::finite::{Finite, Setup};
+use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
+use crate::mechanics::insertion::{EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
+use crate::mechanics::tissue::material::Material;
+use crate::study::block;
+use crate::study::stability::record::{Record, Unexpected, largest};
+
+/// Extent of the block of tissue, mm.
+pub const EXTENT: [f64; 3] = [60.0, 60.0, 80.0];
+/// Edge of its cells, mm.
+pub const CELL_MM: f64 = 10.0;
+/// Where the needle goes in: no plane between cells runs through it.
+pub const ASIDE: [f64; 2] = [31.3, 28.9];
+/// Simulated time of a step, s, where it is of no matter.
+pub const STEP_S: f64 = 1e-3;
+
+/// A block of 60 x 60 x 80 mm at 10 kPa, a rigid needle.
+pub fn tissue(interaction: Interaction) -> Result<Setup, Unexpected> {
+    let mesh = block::plain(EXTENT, CELL_MM)?;
+    Ok(block::on_table(
+        mesh,
+        Material::new(10.0, 0.45)?,
+        interaction,
+        block::rigid()?,
+    ))
+}
+
+/// The model of it.
+pub fn build(setup: Setup) -> Result<Finite, Unexpected> {
+    Ok(Finite::new(setup, |_, _| {})?)
+}
+
+/// Region 0 from z = 0 on, region 1 from `border` on.
+#[derive(Debug)]
+pub struct Layers {
+    pub border: f64,
+    pub of: [Interaction; 2],
+}
+
+impl Anatomy for Layers {
+    fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
+        (point_mm.z >= 0.0).then_some(i32::from(point_mm.z >= self.border))
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.of[usize::from(region == 1)]
+    }
+}
+
+/// A cylinder of 20 mm about a path of 100 mm, nodes every 6.7 mm, a rigid needle.
+pub fn coarse() -> Parameters {
+    Parameters {
+        radius_mm: 20.0,
+        rings: 3,
+        layers: 15,
+        ..Parameters::default()
+    }
+}
+
+/// Masses and springs in one tissue throughout.
+pub fn springs(parameters: Parameters, interaction: Interaction) -> Result<MassSpring, Unexpected> {
+    let layers = Layers {
+        border: f64::INFINITY,
+        of: [interaction; 2],
+    };
+    Ok(MassSpring::new(parameters, Box::new(layers), block::rigid()?)?)
+}
+
+/// One step of a rigid needle to a depth.
+pub fn go(model: &mut dyn Model, z: f64) -> Result<&Outcome, Unexpected> {
+    Ok(model.step(&block::tip_at([ASIDE[0], ASIDE[1], z]), STEP_S)?)
+}
+
+/// Steps from a depth to another, the last one to the bit there.
+pub fn travel(
+    model: &mut dyn Model,
+    [from, to]: [f64; 2],
+    step_mm: f64,
+    mut tell: impl FnMut(&Outcome),
+) -> Result<(), Unexpected> {
+    let steps = ((to - from).abs() / step_mm).ceil() as usize;
+    for step in 1..=steps {
+        tell(go(model, from + (to - from) * step as f64 / steps as f64)?);
+    }
+    Ok(())
+}
+
+/// The force that pushes the needle back out, N.
+pub fn resistance(outcome: &Outcome) -> f64 {
+    -outcome.on_hand.force_n.z
+}
+
+/// What a run of steps has of what must never be.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Watch {
+    /// Steps with a number that is none.
+    pub broken: usize,
+    /// Steps that did not converge.
+    pub unsettled: usize,
+    /// Of them, those that no event tells of.
+    pub untold: usize,
+}
+
+impl Watch {
+    /// Looks at a step.
+    pub fn see(&mut self, outcome: &Outcome) {
+        let wrenches = std::iter::once(&outcome.on_hand).chain(&outcome.on_probe);
+        let numbers = wrenches.flat_map(|wrench| wrench.force_n.iter().chain(wrench.torque_nmm.iter()));
+        let others = [outcome.tip_deflection_mm, outcome.inserted_mm];
+        let finite = numbers
+            .chain(outcome.tip_mm.iter())
+            .chain(&others)
+            .all(|x| x.is_finite());
+        let told = outcome.events.iter().any(|event| event.kind == EventKind::NotConverged);
+        self.broken += usize::from(!finite);
+        self.unsettled += usize::from(!outcome.converged);
+        self.untold += usize::from(!outcome.converged && !told);
+    }
+
+    /// Notes it.
+    pub fn write(&self, record: &mut Record<'_>, of: &str) {
+        record.zero(format!("steps with numbers that are none, {of}"), self.broken as f64);
+        record.zero(
+            format!("steps not converged and not reported, {of}"),
+            self.untold as f64,
+        );
+        record.report(format!("steps not converged, {of}"), self.unsettled as f64);
+    }
+}
+
+/// The tissue as an image gets it.
+pub fn image(model: &mut dyn Model) -> Tissue {
+    let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+    model.snapshot(&mut snapshot);
+    model.imager().tissue(&snapshot, &mut tissue);
+    tissue
+}
+
+/// The largest displacement, mm; NaN where one is.
+pub fn displaced(tissue: &Tissue) -> f64 {
+    let pairs = tissue.current.iter().zip(&tissue.reference);
+    largest(pairs.map(|(to, from)| (Vector3::from(*to) - Vector3::from(*from)).norm()))
+}
