@@ -6,7 +6,7 @@ use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
-use crate::mechanics::insertion::ProbeContact;
+use crate::mechanics::insertion::{Outcome, ProbeContact};
 use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::scene::Scene;
 use crate::tracking::pose::Pose;
@@ -21,6 +21,17 @@ pub struct Contact {
     pub probe: ProbeContact,
     /// Frame of the cylinder to the probe frame of images.
     pub in_probe: Isometry3<f64>,
+}
+
+impl Contact {
+    /// The force of the tissue on the probe, split between the two points that drive it, N, world axes; none of a probe that has
+    /// none, zero while the probe is away.
+    pub(super) fn driven(&self, pose: Option<&Isometry3<f64>>, outcome: &Outcome) -> Option<[Vector3<f64>; 2]> {
+        self.probe.driven_at_mm?;
+        let pressing = outcome.on_probe.as_ref().zip(pose);
+        let split = pressing.and_then(|(wrench, pose)| self.probe.split(wrench, pose));
+        Some(split.unwrap_or_default())
+    }
 }
 
 /// The rigid transform of a pose.

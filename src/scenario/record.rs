@@ -19,6 +19,8 @@ pub const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
 #[derive(Clone, Debug)]
 pub struct Record {
     curves: Curves,
+    /// Whether the probe is driven at two points.
+    driven: bool,
 }
 
 impl Record {
@@ -26,6 +28,10 @@ impl Record {
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             curves: Curves::new(scenario.timing.steps, scenario.contact.is_some()),
+            driven: scenario
+                .contact
+                .iter()
+                .any(|contact| contact.probe.driven_at_mm.is_some()),
         }
     }
 
@@ -33,8 +39,8 @@ impl Record {
     ///
     /// # Errors
     /// What the system says.
-    pub fn head(out: &mut impl Write) -> io::Result<()> {
-        table::head(out)
+    pub fn head(&self, out: &mut impl Write) -> io::Result<()> {
+        table::head(self.driven, out)
     }
 
     /// Keeps a step and writes its line of `steps.csv`.

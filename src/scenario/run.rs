@@ -24,6 +24,8 @@ pub struct Step<'a> {
     pub base: Isometry3<f64>,
     /// What came of it.
     pub outcome: &'a Outcome,
+    /// The force on the probe split between the two points that drive it, N, world axes; none of a probe that has none.
+    pub driven: Option<[Vector3<f64>; 2]>,
     /// What it took, ms.
     pub ms: f64,
 }
@@ -112,6 +114,7 @@ pub fn run<O: Observer>(
     observer: &mut O,
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
+    let contact = scenario.contact.as_ref();
     let mut frames = asked.frames.then_some(Beat {
         every_s: timing.frame_s,
         next: 0,
@@ -123,12 +126,14 @@ pub fn run<O: Observer>(
         let instruments = scenario.instruments(number);
         let start = Instant::now();
         model.step(&instruments, timing.dt_s)?;
+        let ms = start.elapsed().as_secs_f64() * 1e3;
         let step = Step {
             number,
             time_s: number as f64 * timing.dt_s,
             base: instruments.base,
             outcome: model.outcome(),
-            ms: start.elapsed().as_secs_f64() * 1e3,
+            driven: contact.and_then(|contact| contact.driven(instruments.probe.as_ref(), model.outcome())),
+            ms,
         };
         tally.add(&step);
         observer.step(&step)?;

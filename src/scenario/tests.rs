@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
+use super::record::Record;
 use super::run::{Asked, Deformed, Moment, Observer, Step, run};
 use super::{Scenario, ScenarioError, ScenarioFile, Summary};
 use crate::mechanics::insertion::{
@@ -83,6 +84,11 @@ impl Model for Told {
                 force_n: Vector3::new(0.0, 0.0, -depth),
                 torque_nmm: Vector3::zeros(),
             },
+            // 3 N across the probe, 50 mm behind its end.
+            on_probe: instruments.probe.map(|pose| Wrench {
+                force_n: Vector3::new(0.0, -3.0, 0.0),
+                torque_nmm: (pose.rotation * Vector3::new(0.0, 0.0, -50.0)).cross(&Vector3::new(0.0, -3.0, 0.0)),
+            }),
             tip_mm: tip,
             inserted_mm: depth,
             remeshes: usize::from(depth > 0.0),
@@ -334,8 +340,8 @@ at_mm = [0, 0, -35]
     assert!((summary.targets[0].nearest_seed_mm.expect("a seed") - f64::hypot(5.0, 0.5)).abs() < 1e-9);
 }
 
-#[test]
-fn a_probe_finds_the_nodes_that_it_can_touch() {
+/// The block with a cylinder in its hole, which runs along z, 26 mm from its middle.
+fn with_probe() -> String {
     let text = BLOCK.to_owned()
         + r#"
 [contact_probe]
@@ -345,11 +351,15 @@ axis = [0, 0, 1]
 end_mm = [0, 0, 0]
 within_mm = 3
 "#;
-    // The hole of the block runs along z, 26 mm from its middle.
-    let text = text.replace(
+    text.replace(
         "[scene.image]",
         "[scene.pose]\nposition_mm = [0, 26, 50]\ndirection = [0, -1, 0]\nlateral = [-1, 0, 0]\n[scene.image]",
-    );
+    )
+}
+
+#[test]
+fn a_probe_finds_the_nodes_that_it_can_touch() {
+    let text = with_probe();
     let scenario = resolved(&text.replace("nodes = 250", "nodes = 1500")).expect("a scenario");
     let contact = scenario.contact.as_ref().expect("a probe");
     assert!(contact.probe.candidates.len() > 10);
@@ -367,6 +377,57 @@ within_mm = 3
     let probe = instruments.probe.expect("a probe");
     assert!((probe * Point3::origin() - Point3::new(0.0, 26.0, 50.0)).norm() < 1e-9);
     assert!((probe * Vector3::z() - Vector3::z()).norm() < 1e-9);
+}
+
+/// As a lever splits it: what acts a third of the way from the first point to the second rests on the first with two thirds.
+#[test]
+fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
+    let plain = resolved(&with_probe()).expect("a scenario");
+    let driven = resolved(&(with_probe() + "driven_at_mm = [30, 90]\n")).expect("a scenario");
+    for (scenario, columns) in [(&plain, 36), (&driven, 42)] {
+        let mut written = Written {
+            record: Record::new(scenario),
+            csv: Vec::new(),
+        };
+        written.record.head(&mut written.csv).expect("memory");
+        run(scenario, &mut Told::new(scenario), Asked::default(), &mut written).expect("a run");
+        let text = String::from_utf8(written.csv).expect("text");
+        let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+        assert!(lines.iter().all(|line| line.len() == columns), "{:?}", lines[0]);
+        assert_eq!(lines[0].last(), Some(&"ms"));
+        let of = |name: &str| lines[0].iter().position(|column| *column == name);
+        let force = |name: &str| of(name).map(|at| lines[1][at].parse::<f64>().expect("a number"));
+        assert_eq!(force("driven_1_force_y_n").is_some(), columns == 42);
+        if let (Some(first), Some(second)) = (force("driven_1_force_y_n"), force("driven_2_force_y_n")) {
+            assert!(
+                (first + 2.0).abs() < 1e-9 && (second + 1.0).abs() < 1e-9,
+                "{first} {second}"
+            );
+        }
+    }
+}
+
+/// Writes the table of steps.
+struct Written {
+    record: Record,
+    csv: Vec<u8>,
+}
+
+impl Observer for Written {
+    type Error = StepError;
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
+        self.record.step(step, &mut self.csv).expect("memory");
+        Ok(())
+    }
+
+    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
+        Ok(())
+    }
+
+    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StepError> {
+        Ok(())
+    }
 }
 
 #[test]

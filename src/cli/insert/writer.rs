@@ -43,12 +43,13 @@ impl<'a> Writer<'a> {
         let path = folder.join("steps.csv");
         let wrong = |cause| WriteError::new(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
-        Record::head(&mut steps).map_err(wrong)?;
+        let record = Record::new(scenario);
+        record.head(&mut steps).map_err(wrong)?;
         Ok(Self {
             scenario,
             folder: folder.to_owned(),
             steps,
-            record: Record::new(scenario),
+            record,
             bar: terminal::share(quiet),
             frames: None,
             meshes: Vec::new(),

@@ -39,8 +39,19 @@ const NUMBERS: [&str; 27] = [
 /// Columns of counts, and the time that the step took.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,ms";
 
-pub(super) fn head(out: &mut impl Write) -> io::Result<()> {
-    writeln!(out, "{},{COUNTS}", NUMBERS.join(","))
+/// Columns behind those, where the probe is driven at two points: what the tissue does to each.
+const DRIVEN: [&str; 6] = [
+    "driven_1_force_x_n",
+    "driven_1_force_y_n",
+    "driven_1_force_z_n",
+    "driven_2_force_x_n",
+    "driven_2_force_y_n",
+    "driven_2_force_z_n",
+];
+
+pub(super) fn head(driven: bool, out: &mut impl Write) -> io::Result<()> {
+    let driven = if driven { &DRIVEN[..] } else { &[] };
+    writeln!(out, "{},{COUNTS}", [&NUMBERS[..], driven].concat().join(","))
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
@@ -63,6 +74,9 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         if at == 2 {
             write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
         }
+    }
+    for force in step.driven.iter().flatten() {
+        write!(out, ",{},{},{}", force.x, force.y, force.z)?;
     }
     writeln!(
         out,
