@@ -18,6 +18,7 @@
 //! | [`switching`] | forces or displacements prescribed at contacts |
 //! | [`problem`] | a static problem, checked and solved |
 //! | [`remesh`] | moves of reference nodes, and the compliance that follows them |
+//! | [`viscoelastic`] | fractional integrals and derivatives of a history |
 
 pub mod assembly;
 pub mod cache;
@@ -35,6 +36,7 @@ pub mod remesh;
 pub mod rigid;
 pub mod switching;
 pub mod symmetric;
+pub mod viscoelastic;
 
 #[cfg(test)]
 mod testing;

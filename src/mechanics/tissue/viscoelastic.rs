@@ -1,0 +1,63 @@
+//! Tissue with a fading memory: fractional integrals and derivatives of a history, step by step.
+//!
+//! A spring-pot holds `G d^k gamma / dt^k = tau`, with `k` from 0 (a spring) to 1 (a dashpot); porcine liver has k of about 0.1
+//! (paper 3, equation 1). What it does depends on all that went before: the integral of order k is
+//!
+//! ```text
+//! I^k F (t) = 1 / Gamma(k) * integral from 0 to t of (t - s)^(k-1) F(s) ds
+//! ```
+//!
+//! Every [`Rule`] writes it at the end of a step as `w_0 F_n + history_n`, where the history holds the values up to n-1 and `w_0`
+//! is the weight of the new one, known before the new value is: that is what [`History::predict`] gives.
+//! [`History::commit`] then takes the new value. The same trait serves the derivative of order k ([`Operator`]).
+//!
+//! ```
+//! use insonify::mechanics::tissue::viscoelastic::{Operator, Rule};
+//!
+//! // Creep of a spring-pot under a stress of 2 kPa that is there from the start: gamma = 2 t^k / (G Gamma(1 + k)).
+//! let (order, modulus_kpa) = (0.5, 4.0);
+//! let mut integral = Rule::Trapezoid.start(Operator::Integral(order), &[2.0])?;
+//! let mut strain = 0.0;
+//! for _ in 0..10 {
+//!     let mut history = [0.0];
+//!     let weight = integral.predict(0.1, &mut history)?;
+//!     strain = (weight * 2.0 + history[0]) / modulus_kpa;
+//!     integral.commit(0.1, &[2.0])?;
+//! }
+//! assert!((strain - 2.0 / (4.0 * 0.886226925452758)).abs() < 1e-14);
+//! # Ok::<(), insonify::mechanics::tissue::viscoelastic::HistoryError>(())
+//! ```
+//!
+//! # Two laws of a structure
+//!
+//! While the stiffness K is constant, two ways of putting the memory into `K U = F` are the same:
+//!
+//! - `load-integral`, as paper 3 solves it (equation 12): `K(U) U = I^k F`, each component of the loads integrated by itself. A
+//!   driven displacement makes its reaction the unknown: `K(U) U_n = w_0 F_n + history_n`.
+//! - `rate`, as the material is written (equation 4): `K(U) D^k U = F`. In integral form `U = I^k (K(U)^-1 F)`.
+//!
+//! They part as soon as K depends on U: under the first the stiffness of *now* divides all of the past loads, under the second
+//! each load acts through the stiffness of *its* time. At constant load past the knee the first is stiffer, for earlier loads met
+//! tissue that had not yet stiffened.
+//!
+//! # Rules
+//!
+//! | rule | between two times the function is | order | steps | a step costs |
+//! |---|---|---|---|---|
+//! | [`Rule::Rectangle`] | constant, as at the end | 1 | any | O(n) |
+//! | [`Rule::Trapezoid`] | linear | 2 | any | O(n) |
+//! | [`Rule::GruenwaldLetnikov`] | (a difference quotient) | 1 | equal | O(n) |
+//! | [`Rule::Exponentials`] | linear | 2, down to its bound | in its [`Span`] | O(1) |
+//!
+//! Weights are computed from the lengths of steps, summed backwards from the newest, and never as differences of powers that
+//! cancel: steps of 1e-6 s and of 1e3 s may stand in one history.
+
+mod derivative;
+mod exponentials;
+mod full;
+mod gruenwald;
+mod history;
+mod kernel;
+mod rule;
+
+pub use history::{History, HistoryError, Operator, Rule, Span};

@@ -1,0 +1,145 @@
+//! Fractional derivatives made of fractional integrals.
+
+use super::history::{History, HistoryError};
+use super::kernel::of_jump;
+
+/// The derivative of order k of a piecewise linear function, exactly: the integral of order 1 - k of its slopes, which are
+/// constant over each step, and the share of the jump at the start (the rule known as L1).
+#[derive(Clone, Debug)]
+pub(super) struct Slopes {
+    order: f64,
+    initial: Vec<f64>,
+    last: Vec<f64>,
+    slopes: Vec<f64>,
+    /// The integral of order 1 - k of functions that are constant over each step.
+    inner: Box<dyn History>,
+}
+
+impl Slopes {
+    /// `inner` is the integral of order `1 - order`.
+    pub(super) fn new(order: f64, initial: &[f64], inner: Box<dyn History>) -> Self {
+        Slopes {
+            order,
+            initial: initial.to_vec(),
+            last: initial.to_vec(),
+            slopes: vec![0.0; initial.len()],
+            inner,
+        }
+    }
+}
+
+impl History for Slopes {
+    fn components(&self) -> usize {
+        self.inner.components()
+    }
+
+    fn time_s(&self) -> f64 {
+        self.inner.time_s()
+    }
+
+    fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
+        let weight = self.inner.predict(step_s, history)? / step_s;
+        let jump = of_jump(-self.order, self.inner.time_s() + step_s);
+        for ((sum, last), initial) in history.iter_mut().zip(&self.last).zip(&self.initial) {
+            *sum += jump * initial - weight * last;
+        }
+        Ok(weight)
+    }
+
+    fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_step(step_s)?;
+        HistoryError::check_components(value.len(), self.last.len())?;
+        HistoryError::check_value(value)?;
+        for ((slope, value), last) in self.slopes.iter_mut().zip(value).zip(&self.last) {
+            *slope = (value - last) / step_s;
+        }
+        self.inner.commit(step_s, &self.slopes)?;
+        self.last.copy_from_slice(value);
+        Ok(())
+    }
+
+    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(initial.len(), self.last.len())?;
+        HistoryError::check_value(initial)?;
+        self.initial.copy_from_slice(initial);
+        self.last.copy_from_slice(initial);
+        self.slopes.fill(0.0);
+        self.inner.restart(&self.slopes)
+    }
+
+    fn bytes(&self) -> usize {
+        3 * self.last.len() * size_of::<f64>() + self.inner.bytes()
+    }
+
+    fn boxed(&self) -> Box<dyn History> {
+        Box::new(self.clone())
+    }
+}
+
+/// The derivative as the inverse of an integral: what, integrated, gives what the function is above its initial value; and the
+/// share of the jump at the start, exactly.
+#[derive(Clone, Debug)]
+pub(super) struct Inverse {
+    order: f64,
+    initial: Vec<f64>,
+    integrand: Vec<f64>,
+    /// The integral of the same order.
+    inner: Box<dyn History>,
+}
+
+impl Inverse {
+    /// `inner` is the integral of order `order`, started from 0.
+    pub(super) fn new(order: f64, initial: &[f64], inner: Box<dyn History>) -> Self {
+        Inverse {
+            order,
+            initial: initial.to_vec(),
+            integrand: vec![0.0; initial.len()],
+            inner,
+        }
+    }
+}
+
+impl History for Inverse {
+    fn components(&self) -> usize {
+        self.inner.components()
+    }
+
+    fn time_s(&self) -> f64 {
+        self.inner.time_s()
+    }
+
+    fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
+        let weight = 1.0 / self.inner.predict(step_s, history)?;
+        let jump = of_jump(-self.order, self.inner.time_s() + step_s) - weight;
+        for (sum, initial) in history.iter_mut().zip(&self.initial) {
+            *sum = jump * initial - weight * *sum;
+        }
+        Ok(weight)
+    }
+
+    fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(value.len(), self.initial.len())?;
+        HistoryError::check_value(value)?;
+        let weight = self.inner.predict(step_s, &mut self.integrand)?;
+        for ((integrand, value), initial) in self.integrand.iter_mut().zip(value).zip(&self.initial) {
+            *integrand = (value - initial - *integrand) / weight;
+        }
+        self.inner.commit(step_s, &self.integrand)
+    }
+
+    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(initial.len(), self.initial.len())?;
+        HistoryError::check_value(initial)?;
+        self.initial.copy_from_slice(initial);
+        self.integrand.fill(0.0);
+        self.inner.restart(&self.integrand)
+    }
+
+    fn bytes(&self) -> usize {
+        2 * self.initial.len() * size_of::<f64>() + self.inner.bytes()
+    }
+
+    fn boxed(&self) -> Box<dyn History> {
+        Box::new(self.clone())
+    }
+}

@@ -1,0 +1,262 @@
+//! A kernel of decaying exponentials: what each of them remembers is one number a component, so that a step costs the same however
+//! long the history is.
+
+mod quadrature;
+
+use super::history::{History, HistoryError, Span};
+use super::kernel::{Basis, Moments};
+use crate::simd::{Kernel, vectorised};
+use quadrature::Quadrature;
+
+/// The fractional integral, with the newest step exact and the sum of exponentials for all before it.
+#[derive(Clone, Debug)]
+pub(super) struct Exponentials {
+    basis: Basis,
+    moments: Moments,
+    span: Span,
+    /// Rates of the exponentials, 1/s.
+    rates: Vec<f64>,
+    /// Their weights in the kernel.
+    weights: Vec<f64>,
+    time_s: f64,
+    /// The newest value.
+    last: Vec<f64>,
+    /// For each exponential and component: integral of exponential times function.
+    modes: Vec<f64>,
+    step: Step,
+}
+
+/// What a step of some length does to each exponential.
+#[derive(Clone, Debug)]
+struct Step {
+    step_s: f64,
+    /// What is left of its mode at the end.
+    decays: Vec<f64>,
+    /// The same, times its weight.
+    weighted: Vec<f64>,
+    /// What the value at the start of the step adds to its mode.
+    starts: Vec<f64>,
+    /// What the value at the end adds.
+    ends: Vec<f64>,
+    /// Weights of the two ends of the step itself.
+    own: [f64; 2],
+}
+
+/// A history may go past its span by rounding.
+const SLACK: f64 = 1e-9;
+
+impl Exponentials {
+    /// # Errors
+    /// [`HistoryError::Span`].
+    pub(super) fn new(basis: Basis, order: f64, span: Span, initial: &[f64]) -> Result<Self, HistoryError> {
+        let Quadrature { rates, weights } = Quadrature::new(order, span)?;
+        let none = || vec![0.0; rates.len()];
+        Ok(Exponentials {
+            basis,
+            moments: Moments::new(basis, order),
+            span,
+            time_s: 0.0,
+            last: initial.to_vec(),
+            modes: vec![0.0; rates.len() * initial.len()],
+            step: Step {
+                step_s: 0.0,
+                decays: none(),
+                weighted: none(),
+                starts: none(),
+                ends: none(),
+                own: [0.0; 2],
+            },
+            rates,
+            weights,
+        })
+    }
+
+    fn check(&self, step_s: f64, components: usize) -> Result<(), HistoryError> {
+        HistoryError::check_step(step_s)?;
+        HistoryError::check_components(components, self.last.len())?;
+        if step_s < self.span.shortest_s * (1.0 - SLACK) {
+            let (found, shortest) = (step_s, self.span.shortest_s);
+            return Err(HistoryError::Short { found, shortest });
+        }
+        let found = self.time_s + step_s;
+        if found > self.span.longest_s * (1.0 + SLACK) {
+            let longest = self.span.longest_s;
+            return Err(HistoryError::Long { found, longest });
+        }
+        Ok(())
+    }
+
+    /// Makes `step` that of this length.
+    fn prepare(&mut self, step_s: f64) {
+        let step = &mut self.step;
+        if step.step_s == step_s {
+            return;
+        }
+        step.step_s = step_s;
+        let own = self.moments.of(step_s, step_s);
+        step.own = [own.start, own.end];
+        for (at, rate) in self.rates.iter().enumerate() {
+            let z = rate * step_s;
+            let decay = (-z).exp();
+            step.decays[at] = decay;
+            step.weighted[at] = decay * self.weights[at];
+            let [start, end] = match self.basis {
+                Basis::Constant => [0.0, mean(z)],
+                Basis::Linear => ends(z, decay),
+            };
+            step.starts[at] = start * step_s;
+            step.ends[at] = end * step_s;
+        }
+    }
+}
+
+/// `(1 - e^-z) / z`.
+fn mean(z: f64) -> f64 {
+    if z == 0.0 { 1.0 } else { -(-z).exp_m1() / z }
+}
+
+/// The integral over a step, as a share of its length, of the exponential `e^-z(1-q)` times 1 - q and times q, q from 0 to 1; `decay`
+/// is `e^-z`.
+fn ends(z: f64, decay: f64) -> [f64; 2] {
+    let mean = mean(z);
+    if z > 0.5 {
+        return [(mean - decay) / z, (1.0 - mean) / z];
+    }
+    let (mut end, mut term, mut m) = (0.0, 0.5, 0.0);
+    while f64::abs(term) > 0.1 * f64::EPSILON {
+        end += term;
+        term *= -z / (m + 3.0);
+        m += 1.0;
+    }
+    [mean - end, end]
+}
+
+/// What a mode remembers decays, and takes in what happened in a step.
+struct Advance<'a> {
+    step: &'a Step,
+    last: &'a [f64],
+    value: &'a [f64],
+    modes: &'a mut [f64],
+}
+
+impl Kernel for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Step {
+            decays, starts, ends, ..
+        } = self.step;
+        if let ([last], [value]) = (self.last, self.value) {
+            let rates = decays.iter().zip(starts).zip(ends);
+            for (mode, ((decay, start), end)) in self.modes.iter_mut().zip(rates) {
+                *mode = decay * *mode + (start * last + end * value);
+            }
+            return;
+        }
+        let components = self.last.len().max(1);
+        for (at, modes) in self.modes.chunks_exact_mut(components).enumerate() {
+            let (decay, start, end) = (decays[at], starts[at], ends[at]);
+            for ((mode, last), value) in modes.iter_mut().zip(self.last).zip(self.value) {
+                *mode = decay * *mode + (start * last + end * value);
+            }
+        }
+    }
+}
+
+/// The sum of all modes at the end of a step.
+struct Recall<'a> {
+    weighted: &'a [f64],
+    modes: &'a [f64],
+    sums: &'a mut [f64],
+}
+
+const LANES: usize = 8;
+
+impl Kernel for Recall<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        if let [sum] = self.sums {
+            let mut lanes = [0.0; LANES];
+            let (weights, modes) = (self.weighted.chunks_exact(LANES), self.modes.chunks_exact(LANES));
+            let rest = weights.remainder().iter().zip(modes.remainder());
+            let rest: f64 = rest.map(|(weight, mode)| weight * mode).sum();
+            for (weight, mode) in weights.zip(modes) {
+                for lane in 0..LANES {
+                    lanes[lane] += weight[lane] * mode[lane];
+                }
+            }
+            *sum += lanes.iter().sum::<f64>() + rest;
+            return;
+        }
+        let modes = self.modes.chunks_exact(self.sums.len().max(1));
+        for (weight, modes) in self.weighted.iter().zip(modes) {
+            for (sum, mode) in self.sums.iter_mut().zip(modes) {
+                *sum += weight * mode;
+            }
+        }
+    }
+}
+
+impl History for Exponentials {
+    fn components(&self) -> usize {
+        self.last.len()
+    }
+
+    fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
+        self.check(step_s, history.len())?;
+        self.prepare(step_s);
+        let [start, end] = self.step.own;
+        for (sum, last) in history.iter_mut().zip(&self.last) {
+            *sum = start * last;
+        }
+        vectorised(Recall {
+            weighted: &self.step.weighted,
+            modes: &self.modes,
+            sums: history,
+        });
+        Ok(end)
+    }
+
+    fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
+        self.check(step_s, value.len())?;
+        HistoryError::check_value(value)?;
+        self.prepare(step_s);
+        vectorised(Advance {
+            step: &self.step,
+            last: &self.last,
+            value,
+            modes: &mut self.modes,
+        });
+        self.last.copy_from_slice(value);
+        self.time_s += step_s;
+        Ok(())
+    }
+
+    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(initial.len(), self.last.len())?;
+        HistoryError::check_value(initial)?;
+        self.last.copy_from_slice(initial);
+        self.modes.fill(0.0);
+        self.time_s = 0.0;
+        Ok(())
+    }
+
+    fn bytes(&self) -> usize {
+        // Rates, weights and what a step does: six numbers an exponential.
+        (6 * self.rates.len() + self.modes.len() + self.last.len()) * size_of::<f64>()
+    }
+
+    fn boxed(&self) -> Box<dyn History> {
+        Box::new(self.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests;

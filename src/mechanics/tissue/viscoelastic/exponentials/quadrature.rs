@@ -1,0 +1,148 @@
+//! The kernel as a sum of exponentials, with its error bounded from theory.
+//!
+//! With `a = 1 - k` and `c = 1 / (Gamma(k) Gamma(a))`,
+//!
+//! ```text
+//! t^(k-1) / Gamma(k) = c * integral over all x of e^(a x) exp(-t e^x) dx
+//! ```
+//!
+//! and the trapezoidal rule in x converges exponentially (G. Beylkin and L. Monzon, "Approximation by exponential sums revisited",
+//! 2010). Rates below 1 / (2 longest) are geometric without end; a Gauss rule for that measure replaces them by [`TAIL`].
+//!
+//! Relative to the kernel, the error is at most the sum of
+//!
+//! - the rule's: twice the sum of `|Gamma(a + 2 pi i m / spacing)| / Gamma(a)`, by Poisson's formula. Log-convexity of `|Gamma|` along
+//!   the real axis gives `|Gamma(a + iy)| <= sqrt(pi / sinh(pi y)) y^(a - 1/2)`;
+//! - what is left out above the fastest rate Z / shortest: `Z^(a-1) e^-Z / Gamma(a)`;
+//! - the Gauss rule's: `4 (z/4)^(2n) / (2n)!` of its share, with `z` of up to 1/2 its fastest rate times the longest time: under 1e-14.
+
+use std::f64::consts::PI;
+
+use libm::tgamma;
+use nalgebra::{SMatrix, SymmetricEigen};
+
+use super::super::history::{HistoryError, Span};
+
+/// Exponentials and their weights.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Quadrature {
+    /// 1/s.
+    pub rates: Vec<f64>,
+    pub weights: Vec<f64>,
+}
+
+/// Points of the Gauss rule for slow rates.
+const TAIL: usize = 5;
+/// Share of the tolerance for each of the two errors that it decides.
+const SHARE: f64 = 0.45;
+
+impl Quadrature {
+    /// Exponentials for the kernel of an order from 0 to 1.
+    ///
+    /// # Errors
+    /// [`HistoryError::Span`].
+    pub(super) fn new(order: f64, span: Span) -> Result<Self, HistoryError> {
+        let Span {
+            shortest_s,
+            longest_s,
+            tolerance,
+        } = span;
+        let right = shortest_s > 0.0 && longest_s >= shortest_s && longest_s / shortest_s < 1e40;
+        if !(right && longest_s.is_finite() && (1e-13..=1e-2).contains(&tolerance)) {
+            return Err(HistoryError::Span(span));
+        }
+        if order == 0.0 {
+            // The newest value alone counts.
+            let (rates, weights) = (Vec::new(), Vec::new());
+            return Ok(Quadrature { rates, weights });
+        }
+        if order == 1.0 {
+            let (rates, weights) = (vec![0.0], vec![1.0]);
+            return Ok(Quadrature { rates, weights });
+        }
+        let a = 1.0 - order;
+        let spacing = spacing(a, SHARE * tolerance);
+        let scale = spacing / (tgamma(order) * tgamma(a));
+        let fastest = cut(a, SHARE * tolerance) / shortest_s;
+        let mut rates = Vec::new();
+        let mut rate = fastest;
+        while rate * longest_s > 0.5 {
+            rates.push(rate);
+            rate = fastest * (-spacing * rates.len() as f64).exp();
+        }
+        let mut weights: Vec<f64> = rates.iter().map(|rate| scale * rate.powf(a)).collect();
+        // The weights of the slow rates sum up to this: a geometric series.
+        let rest = scale * rate.powf(a) / -(-a * spacing).exp_m1();
+        for [node, weight] in gauss(a, spacing) {
+            rates.push(rate * node);
+            weights.push(rest * weight);
+        }
+        Ok(Quadrature { rates, weights })
+    }
+}
+
+/// The widest spacing of ln(rate) whose error stays under a bound.
+fn spacing(a: f64, bound: f64) -> f64 {
+    let error = |y: f64| {
+        // The terms fall faster than a geometric series of ratio e^(-pi y / 2) does.
+        let first = 2.0 * (PI / (PI * y).sinh()).sqrt() * y.powf(a - 0.5) / tgamma(a);
+        first / (1.0 - (-0.5 * PI * y).exp())
+    };
+    let (mut low, mut high) = (0.5, 100.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if error(middle) > bound {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    2.0 * PI / high
+}
+
+/// The product of fastest rate and shortest step from which on exponentials can be left out.
+fn cut(a: f64, bound: f64) -> f64 {
+    let error = |z: f64| z.powf(a - 1.0) * (-z).exp() / tgamma(a);
+    let (mut low, mut high) = (1.0, 100.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if error(middle) > bound {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    high
+}
+
+/// Nodes and weights of the Gauss rule for the measure with `q^(a i)` at `q^i`, i = 0, 1, ..., and `q = e^-spacing`, in sum 1: the zeros
+/// of little q-Jacobi polynomials, whose recurrence is known in closed form (R. Koekoek, P. Lesky and R. Swarttouw, "Hypergeometric
+/// Orthogonal Polynomials and Their q-Analogues", section 14.12, there with b = 1).
+fn gauss(a: f64, spacing: f64) -> [[f64; 2]; TAIL] {
+    // 1 - q^x without cancellation.
+    let gap = |x: f64| -(-spacing * x).exp_m1();
+    let power = |x: f64| (-spacing * x).exp();
+    let rise = |n: f64| power(n) * (gap(a + n) / gap(a + 2.0 * n)) * (gap(a + n) / gap(a + 2.0 * n + 1.0));
+    let fall = |n: f64| {
+        if n == 0.0 {
+            return 0.0;
+        }
+        power(n + a - 1.0) * (gap(n) / gap(a + 2.0 * n - 1.0)) * (gap(n) / gap(a + 2.0 * n))
+    };
+    let mut jacobi = SMatrix::<f64, TAIL, TAIL>::zeros();
+    for at in 0..TAIL {
+        let n = at as f64;
+        jacobi[(at, at)] = rise(n) + fall(n);
+        if at > 0 {
+            let next = (rise(n - 1.0) * fall(n)).sqrt();
+            jacobi[(at, at - 1)] = next;
+            jacobi[(at - 1, at)] = next;
+        }
+    }
+    let eigen = SymmetricEigen::new(jacobi);
+    // A node may come out below 0 by rounding when a is tiny.
+    std::array::from_fn(|at| [eigen.eigenvalues[at].max(0.0), eigen.eigenvectors[(0, at)].powi(2)])
+}
+
+#[cfg(test)]
+mod tests;

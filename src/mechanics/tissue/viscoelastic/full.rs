@@ -1,0 +1,168 @@
+//! Product rules over the whole history: the function is constant or linear between two times, its integral exact.
+
+mod sum;
+
+use super::history::{History, HistoryError};
+use super::kernel::{Basis, Moments};
+pub(super) use sum::add_weighted;
+
+/// The fractional integral by a product rule. Every step sums up all values so far.
+///
+/// While all steps are equal, weights depend on the lag alone and are kept; what is left of a step is one multiplication and one
+/// addition for each value. Once a step differs, the weights of every lag are computed anew at every step.
+#[derive(Clone, Debug)]
+pub(super) struct Full {
+    components: usize,
+    moments: Moments,
+    /// Values at the start and after each step, component by component.
+    values: Vec<f64>,
+    /// Lengths of the steps, s.
+    steps: Vec<f64>,
+    time_s: f64,
+    even: bool,
+    /// Weights for equal steps.
+    lags: Lags,
+    /// Weights of all values in time, for unequal steps.
+    uneven: Vec<f64>,
+}
+
+/// Steps that differ by less, relatively, are equal: weights then err by no more than this.
+const EQUAL: f64 = 1e-12;
+
+/// Weights by lag in equal steps.
+#[derive(Clone, Debug, Default)]
+struct Lags {
+    step_s: f64,
+    /// Of the start of the interval that started 1, 2, ... steps ago.
+    starts: Vec<f64>,
+    /// Of its end.
+    ends: Vec<f64>,
+    /// Of the value 1, 2, ... steps ago, in which two intervals meet.
+    inner: Vec<f64>,
+}
+
+impl Lags {
+    /// Makes weights for lags up to `count` steps of this length.
+    fn reach(&mut self, moments: &Moments, step_s: f64, count: usize) {
+        if self.step_s != step_s {
+            *self = Lags {
+                step_s,
+                ..Lags::default()
+            };
+        }
+        for lag in self.starts.len() + 1..=count {
+            let ends = moments.of(lag as f64 * step_s, step_s);
+            if let Some(start) = self.starts.last() {
+                self.inner.push(start + ends.end);
+            }
+            self.starts.push(ends.start);
+            self.ends.push(ends.end);
+        }
+    }
+}
+
+impl Full {
+    pub(super) fn new(basis: Basis, order: f64, initial: &[f64]) -> Self {
+        Full {
+            components: initial.len(),
+            moments: Moments::new(basis, order),
+            values: initial.to_vec(),
+            steps: Vec::new(),
+            time_s: 0.0,
+            even: true,
+            lags: Lags::default(),
+            uneven: Vec::new(),
+        }
+    }
+
+    /// The length that all steps share, if this one shares it too.
+    fn equal(&self, step_s: f64) -> Option<f64> {
+        let first = self.steps.first().copied().unwrap_or(step_s);
+        (self.even && (step_s - first).abs() <= EQUAL * first).then_some(first)
+    }
+
+    /// Puts the weights of all values so far into `uneven`, and returns that of the new one. Lags are summed backwards from the
+    /// newest step: differences of times would lose short steps late in a long history.
+    fn weigh(&mut self, step_s: f64) -> f64 {
+        self.uneven.clear();
+        self.uneven.resize(self.steps.len() + 1, 0.0);
+        let newest = self.moments.of(step_s, step_s);
+        let mut lag = step_s;
+        let mut start = newest.start;
+        for at in (0..self.steps.len()).rev() {
+            let step = self.steps[at];
+            lag += step;
+            let ends = self.moments.of(lag, step);
+            self.uneven[at + 1] = start + ends.end;
+            start = ends.start;
+        }
+        self.uneven[0] = start;
+        newest.end
+    }
+}
+
+impl History for Full {
+    fn components(&self) -> usize {
+        self.components
+    }
+
+    fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
+        HistoryError::check_step(step_s)?;
+        HistoryError::check_components(history.len(), self.components)?;
+        history.fill(0.0);
+        if let Some(step) = self.equal(step_s) {
+            let count = self.steps.len() + 1;
+            self.lags.reach(&self.moments, step, count);
+            let (initial, others) = self.values.split_at(self.components);
+            for (sum, value) in history.iter_mut().zip(initial) {
+                *sum = self.lags.starts[count - 1] * value;
+            }
+            add_weighted::<true>(&self.lags.inner[..count - 1], others, history);
+            return Ok(self.lags.ends[0]);
+        }
+        let weight = self.weigh(step_s);
+        add_weighted::<false>(&self.uneven, &self.values, history);
+        Ok(weight)
+    }
+
+    fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_step(step_s)?;
+        HistoryError::check_components(value.len(), self.components)?;
+        HistoryError::check_value(value)?;
+        self.even = self.equal(step_s).is_some();
+        if !self.even {
+            // They serve no more.
+            self.lags = Lags::default();
+        }
+        self.steps.push(step_s);
+        self.values.extend_from_slice(value);
+        self.time_s += step_s;
+        Ok(())
+    }
+
+    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(initial.len(), self.components)?;
+        HistoryError::check_value(initial)?;
+        self.values.clear();
+        self.values.extend_from_slice(initial);
+        self.steps.clear();
+        self.time_s = 0.0;
+        self.even = true;
+        Ok(())
+    }
+
+    fn bytes(&self) -> usize {
+        let lags = [&self.lags.starts, &self.lags.ends, &self.lags.inner];
+        let own = [&self.values, &self.steps, &self.uneven];
+        let count: usize = own.iter().chain(&lags).map(|list| list.len()).sum();
+        count * size_of::<f64>()
+    }
+
+    fn boxed(&self) -> Box<dyn History> {
+        Box::new(self.clone())
+    }
+}

@@ -1,0 +1,120 @@
+//! The rule of Gruenwald and Letnikov, for equal steps: powers of the backward difference quotient.
+
+use super::full::add_weighted;
+use super::history::{History, HistoryError};
+use super::kernel::of_jump;
+
+/// The integral of order nu, or for negative nu the derivative of order -nu, of what the function is above its initial value;
+/// that of the initial value is added exactly. (Without this, a jump at the start would cost accuracy at all times.)
+///
+/// `h^nu * sum over j of (nu)_j / j! * F_(n-j)`, with the rising factorial: I. Podlubny, "Fractional Differential Equations", 1999.
+#[derive(Clone, Debug)]
+pub(super) struct GruenwaldLetnikov {
+    components: usize,
+    /// nu.
+    exponent: f64,
+    initial: Vec<f64>,
+    /// What the values after each step are above the initial one.
+    rises: Vec<f64>,
+    /// Length of all steps, once there is one, s.
+    step_s: Option<f64>,
+    steps: usize,
+    /// `(nu)_j / j!` for j from 1, times `h^nu` of that step.
+    weights: Vec<f64>,
+    weights_step_s: f64,
+}
+
+/// Steps that differ by less, relatively, are equal: times in decimals are.
+const EQUAL: f64 = 1e-9;
+
+impl GruenwaldLetnikov {
+    pub(super) fn new(exponent: f64, initial: &[f64]) -> Self {
+        GruenwaldLetnikov {
+            components: initial.len(),
+            exponent,
+            initial: initial.to_vec(),
+            rises: Vec::new(),
+            step_s: None,
+            steps: 0,
+            weights: Vec::new(),
+            weights_step_s: 0.0,
+        }
+    }
+
+    /// The length that all steps share.
+    fn equal(&self, step_s: f64) -> Result<f64, HistoryError> {
+        HistoryError::check_step(step_s)?;
+        let expected = self.step_s.unwrap_or(step_s);
+        if (step_s - expected).abs() > EQUAL * expected {
+            let found = step_s;
+            return Err(HistoryError::Uneven { found, expected });
+        }
+        Ok(expected)
+    }
+
+    /// Makes weights for `count` values before the new one.
+    fn reach(&mut self, step_s: f64, count: usize) {
+        if self.weights_step_s != step_s {
+            self.weights.clear();
+            self.weights_step_s = step_s;
+        }
+        let nu = self.exponent;
+        let mut last = self.weights.last().copied().unwrap_or(step_s.powf(nu));
+        for j in self.weights.len() + 1..=count {
+            last *= (j as f64 - 1.0 + nu) / j as f64;
+            self.weights.push(last);
+        }
+    }
+}
+
+impl History for GruenwaldLetnikov {
+    fn components(&self) -> usize {
+        self.components
+    }
+
+    fn time_s(&self) -> f64 {
+        self.steps as f64 * self.step_s.unwrap_or(0.0)
+    }
+
+    fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError> {
+        let step = self.equal(step_s)?;
+        HistoryError::check_components(history.len(), self.components)?;
+        self.reach(step, self.steps);
+        let weight = step.powf(self.exponent);
+        let start = of_jump(self.exponent, (self.steps + 1) as f64 * step) - weight;
+        for (sum, initial) in history.iter_mut().zip(&self.initial) {
+            *sum = start * initial;
+        }
+        add_weighted::<true>(&self.weights[..self.steps], &self.rises, history);
+        Ok(weight)
+    }
+
+    fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError> {
+        let step = self.equal(step_s)?;
+        HistoryError::check_components(value.len(), self.components)?;
+        HistoryError::check_value(value)?;
+        self.step_s = Some(step);
+        self.steps += 1;
+        let rises = value.iter().zip(&self.initial).map(|(value, initial)| value - initial);
+        self.rises.extend(rises);
+        Ok(())
+    }
+
+    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
+        HistoryError::check_components(initial.len(), self.components)?;
+        HistoryError::check_value(initial)?;
+        self.initial.copy_from_slice(initial);
+        self.rises.clear();
+        self.step_s = None;
+        self.steps = 0;
+        Ok(())
+    }
+
+    fn bytes(&self) -> usize {
+        (self.initial.len() + self.rises.len() + self.weights.len()) * size_of::<f64>()
+    }
+
+    fn boxed(&self) -> Box<dyn History> {
+        Box::new(self.clone())
+    }
+}

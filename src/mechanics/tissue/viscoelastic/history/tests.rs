@@ -1,0 +1,202 @@
+use super::super::kernel::of_jump;
+use super::*;
+
+const SPAN: Span = Span {
+    shortest_s: 1e-6,
+    longest_s: 1e4,
+    tolerance: 1e-10,
+};
+const RULES: [Rule; 4] = [
+    Rule::Rectangle,
+    Rule::Trapezoid,
+    Rule::GruenwaldLetnikov,
+    Rule::Exponentials(SPAN),
+];
+const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
+const OPERATORS: [fn(f64) -> Operator; 2] = [Operator::Integral, Operator::Derivative];
+
+/// What comes of a function with values `of(t)` after each of some steps.
+fn follow(history: &mut dyn History, steps: &[f64], of: impl Fn(f64) -> f64) -> Vec<f64> {
+    let mut t = 0.0;
+    let mut results = Vec::new();
+    for &step in steps {
+        t += step;
+        let mut past = [0.0];
+        let weight = history.predict(step, &mut past).unwrap();
+        results.push(weight * of(t) + past[0]);
+        history.commit(step, &[of(t)]).unwrap();
+    }
+    results
+}
+
+#[test]
+fn a_jump_at_the_start_is_exact_under_every_rule() {
+    let even = [0.25; 40];
+    let uneven: Vec<f64> = (0..40).map(|at| 10f64.powi(at % 9 - 6)).collect();
+    for rule in RULES {
+        for order in ORDERS {
+            for operator in OPERATORS {
+                let (operator, steps) = match rule {
+                    Rule::GruenwaldLetnikov => (operator(order), &even[..]),
+                    _ => (operator(order), &uneven[..]),
+                };
+                let mut history = rule.start(operator, &[2.0]).unwrap();
+                let results = follow(history.as_mut(), steps, |_| 2.0);
+                let exponent = if matches!(operator, Operator::Integral(_)) {
+                    order
+                } else {
+                    -order
+                };
+                let mut t = 0.0;
+                for (result, step) in results.iter().zip(steps) {
+                    t += step;
+                    let exact = 2.0 * of_jump(exponent, t);
+                    // A value known to rounding has a derivative known to rounding times the weight of a step.
+                    let bound = 1e-9 * exact + 32.0 * f64::EPSILON * step.powf(exponent);
+                    assert!(
+                        (result - exact).abs() <= bound,
+                        "{rule:?} {operator:?} at {t}: {result} {exact}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn ends_of_the_order_are_the_function_its_integral_and_its_derivative() {
+    let steps = [0.5; 16];
+    let of = |t: f64| 1.0 + 3.0 * t;
+    for rule in RULES {
+        for (operator, exact) in [
+            (
+                Operator::Integral(0.0),
+                &(|t: f64| 1.0 + 3.0 * t) as &dyn Fn(f64) -> f64,
+            ),
+            (Operator::Derivative(0.0), &|t| 1.0 + 3.0 * t),
+            (Operator::Derivative(1.0), &|_| 3.0),
+            (Operator::Integral(1.0), &|t| t + 1.5 * t * t),
+        ] {
+            let mut history = rule.start(operator, &[1.0]).unwrap();
+            for (at, result) in follow(history.as_mut(), &steps, of).iter().enumerate() {
+                let t = 0.5 * (at + 1) as f64;
+                // The first-order rules take the value at the end of a step for all of it.
+                let first = matches!(rule, Rule::Rectangle | Rule::GruenwaldLetnikov);
+                let late = if first && operator == Operator::Integral(1.0) {
+                    0.5 * 1.5 * t
+                } else {
+                    0.0
+                };
+                assert!(
+                    (result - exact(t) - late).abs() < 1e-11,
+                    "{rule:?} {operator:?}: {result}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn components_are_kept_apart_and_predictions_change_nothing() {
+    for rule in RULES {
+        for operator in OPERATORS.map(|operator| operator(0.3)) {
+            let mut three = rule.start(operator, &[1.0, 0.0, -2.0]).unwrap();
+            let mut third = rule.start(operator, &[-2.0]).unwrap();
+            for at in 0..70 {
+                // Another length of step in between throws away what was prepared.
+                if !matches!(rule, Rule::GruenwaldLetnikov) {
+                    three.predict(0.7, &mut [0.0; 3]).unwrap();
+                }
+                let (mut all, mut one) = ([9.0; 3], [9.0]);
+                let weight = three.predict(0.1, &mut all).unwrap();
+                assert_eq!(weight, third.predict(0.1, &mut one).unwrap());
+                assert!(
+                    (all[2] - one[0]).abs() < 1e-12 * one[0].abs().max(1.0),
+                    "{rule:?} {operator:?}"
+                );
+                assert_eq!(all[1], 0.0);
+                let value = (at as f64).sin();
+                three.commit(0.1, &[1.0, 0.0, value]).unwrap();
+                third.commit(0.1, &[value]).unwrap();
+            }
+            assert!((three.time_s() - 7.0).abs() < 1e-12 && three.components() == 3);
+            // A copy goes on alike, and a new start forgets all.
+            let mut copy = three.clone();
+            let (mut all, mut same) = ([0.0; 3], [0.0; 3]);
+            three.predict(0.1, &mut all).unwrap();
+            copy.predict(0.1, &mut same).unwrap();
+            assert_eq!(all, same);
+            copy.restart(&[1.0, 2.0, 3.0]).unwrap();
+            let mut fresh = rule.start(operator, &[1.0, 2.0, 3.0]).unwrap();
+            for _ in 0..3 {
+                assert_eq!(copy.predict(0.2, &mut all), fresh.predict(0.2, &mut same));
+                assert_eq!(all, same);
+                copy.commit(0.2, &[1.0; 3]).unwrap();
+                fresh.commit(0.2, &[1.0; 3]).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_wrong_is_refused_and_changes_nothing() {
+    for rule in RULES {
+        for order in [-0.1, 1.1, f64::NAN, f64::INFINITY] {
+            let found = rule.start(Operator::Integral(order), &[0.0]).unwrap_err();
+            assert!(matches!(found, HistoryError::Order { .. }));
+        }
+        assert!(matches!(
+            rule.start(Operator::Derivative(0.5), &[0.0, f64::NAN]).unwrap_err(),
+            HistoryError::Value { component: 1, .. }
+        ));
+        for operator in OPERATORS {
+            let mut history = rule.start(operator(0.5), &[1.0]).unwrap();
+            history.commit(0.1, &[2.0]).unwrap();
+            let mut before = [0.0];
+            history.predict(0.1, &mut before).unwrap();
+            for step in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+                assert!(matches!(
+                    history.predict(step, &mut [0.0]),
+                    Err(HistoryError::Step { .. })
+                ));
+                assert!(matches!(history.commit(step, &[0.0]), Err(HistoryError::Step { .. })));
+            }
+            assert!(matches!(
+                history.commit(0.1, &[f64::INFINITY]),
+                Err(HistoryError::Value { .. })
+            ));
+            assert!(matches!(
+                history.commit(0.1, &[0.0; 2]),
+                Err(HistoryError::Components { .. })
+            ));
+            assert!(matches!(
+                history.predict(0.1, &mut []),
+                Err(HistoryError::Components { .. })
+            ));
+            assert!(matches!(history.restart(&[]), Err(HistoryError::Components { .. })));
+            assert!(matches!(history.restart(&[f64::NAN]), Err(HistoryError::Value { .. })));
+            let mut after = [0.0];
+            history.predict(0.1, &mut after).unwrap();
+            assert_eq!(before, after);
+        }
+    }
+    let mut gruenwald = Rule::GruenwaldLetnikov.start(Operator::Integral(0.5), &[1.0]).unwrap();
+    gruenwald.commit(0.1, &[1.0]).unwrap();
+    let uneven = gruenwald.predict(0.11, &mut [0.0]).unwrap_err();
+    assert!(uneven.to_string().contains("equal steps"), "{uneven}");
+    gruenwald.commit(0.1 + 1e-12, &[1.0]).unwrap();
+}
+
+#[test]
+fn exponentials_take_the_same_memory_however_long() {
+    let mut history = RULES[3].start(Operator::Integral(0.5), &[0.0; 4]).unwrap();
+    let mut full = Rule::Trapezoid.start(Operator::Integral(0.5), &[0.0; 4]).unwrap();
+    history.commit(0.1, &[1.0; 4]).unwrap();
+    let bytes = history.bytes();
+    for _ in 0..1000 {
+        history.commit(0.1, &[1.0; 4]).unwrap();
+        full.commit(0.1, &[1.0; 4]).unwrap();
+    }
+    assert_eq!(history.bytes(), bytes);
+    assert!(full.bytes() > 1000 * 4 * 8);
+}

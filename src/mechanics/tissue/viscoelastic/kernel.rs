@@ -1,0 +1,105 @@
+//! The kernel t^(k-1) / Gamma(k) and its moments over an interval.
+
+use libm::tgamma;
+
+/// `1 / Gamma(x)` for `x` from 0 on, where it is 0.
+pub(super) fn inverse_gamma(x: f64) -> f64 {
+    if x == 0.0 { 0.0 } else { 1.0 / tgamma(x) }
+}
+
+/// `t^nu / Gamma(1 + nu)` for `nu` from -1 on and `t` above 0: the integral of order nu (or the derivative of order -nu) of a
+/// jump to 1 at the start.
+pub(super) fn of_jump(nu: f64, t: f64) -> f64 {
+    inverse_gamma(1.0 + nu) * t.powf(nu)
+}
+
+/// What a function is taken for between two times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Basis {
+    /// Constant, with the value at the end.
+    Constant,
+    /// Linear.
+    Linear,
+}
+
+/// Weights of the values at the two ends of an interval in the integral of order k, `k` above 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ends {
+    /// Of the value at its start.
+    pub start: f64,
+    /// Of the value at its end.
+    pub end: f64,
+}
+
+/// The moments of the kernel of one order.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moments {
+    basis: Basis,
+    order: f64,
+    /// `1 / Gamma(1 + k)`.
+    scale: f64,
+}
+
+/// Below this share of an interval in its lag, series are used, for differences of powers cancel.
+const SERIES: f64 = 0.25;
+
+impl Moments {
+    pub(super) fn new(basis: Basis, order: f64) -> Self {
+        let scale = inverse_gamma(1.0 + order);
+        Moments { basis, order, scale }
+    }
+
+    /// Weights of an interval of length `step` that started `lag` ago; `lag` is at least `step`, equal for the newest one.
+    pub(super) fn of(&self, lag: f64, step: f64) -> Ends {
+        let k = self.order;
+        if k == 0.0 {
+            // Only the newest value counts.
+            let end = if lag == step { 1.0 } else { 0.0 };
+            return Ends { start: 0.0, end };
+        }
+        let power = self.scale * lag.powf(k);
+        let x = step / lag;
+        match self.basis {
+            Basis::Constant => Ends {
+                start: 0.0,
+                end: -power * (k * (-x).ln_1p()).exp_m1(),
+            },
+            Basis::Linear => {
+                let [start, end] = if x < SERIES { series(k, x) } else { closed(k, x) };
+                Ends {
+                    start: power * start,
+                    end: power * end,
+                }
+            }
+        }
+    }
+}
+
+/// Weights of both ends by Taylor's series in `x`, all of whose terms are positive, for a lag of 1 and without the scale:
+/// `k x (1-k)_m x^m / m!` times 1 / ((m+1)(m+2)) and 1 / (m+2).
+fn series(k: f64, x: f64) -> [f64; 2] {
+    let (mut start, mut end) = (0.0, 0.0);
+    let mut term = k * x;
+    let mut m = 0.0;
+    loop {
+        let part = term / (m + 2.0);
+        start += part / (m + 1.0);
+        end += part;
+        if part <= f64::EPSILON * 0.25 * end {
+            return [start, end];
+        }
+        term *= x * (m + 1.0 - k) / (m + 1.0);
+        m += 1.0;
+    }
+}
+
+/// The same from powers.
+fn closed(k: f64, x: f64) -> [f64; 2] {
+    let log = (-x).ln_1p();
+    let zeroth = -(k * log).exp_m1();
+    let first = k / (k + 1.0) * -((k + 1.0) * log).exp_m1();
+    [(first - (1.0 - x) * zeroth) / x, (zeroth - first) / x]
+}
+
+#[cfg(test)]
+mod tests;
