@@ -58,6 +58,7 @@ mod full;
 mod gruenwald;
 mod history;
 mod kernel;
+pub mod point;
 mod rule;
 
 pub use history::{History, HistoryError, Operator, Rule, Span};

@@ -1,0 +1,106 @@
+//! The strain of a stiffening body under a given stress: one equation with one unknown.
+
+use super::body::Line;
+use super::{Knee, Structure};
+
+/// A strain, and how many times Newton's method was applied to find it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Found {
+    pub strain: f64,
+    pub iterations: usize,
+}
+
+/// Newton's method ends here at the latest; where it is not sure to converge by itself, bisection does so by then.
+const MOST: usize = 120;
+
+/// The strain at which the body bears the stress.
+///
+/// Under `rate` it solves `(strain - offset) s(strain) = slope stress`, under `load-integral` `strain s(strain) = slope stress +
+/// offset`. Both are `(x - c) s(x) = r`, whose root lies between c and c + r, for s is 1 or more.
+///
+/// Where the strain is driven back against its past (c and r of opposite signs, c beyond the knee) there may be three roots: then
+/// the one next to c is taken that Newton's method meets from there.
+pub(super) fn strain(knee: &Knee, structure: Structure, line: &Line, stress: f64) -> Found {
+    match structure {
+        Structure::Rate => root(knee, line.offset, line.slope * stress),
+        Structure::LoadIntegral => root(knee, 0.0, line.strain(stress)),
+    }
+}
+
+fn root(knee: &Knee, c: f64, r: f64) -> Found {
+    if r < 0.0 {
+        let Found { strain, iterations } = root(knee, -c, -r);
+        let strain = -strain;
+        return Found { strain, iterations };
+    }
+    let whole = c + r;
+    let found = |strain, iterations| Found { strain, iterations };
+    if knee.stiffening == 0.0 || r == 0.0 || c.abs().max(whole.abs()) <= knee.strain {
+        return found(whole, 0);
+    }
+    // Above the knee s is more than a times the square of what is above it, and so is x - c above the cube root of r / a.
+    let from = knee.strain.max(c);
+    let high = whole.min((from + (r / knee.stiffening).cbrt()).max(c));
+    if c >= -knee.strain {
+        descend(knee, c, r, high)
+    } else {
+        search(knee, c, r, high)
+    }
+}
+
+/// Newton's step from `x`, and whether the root is to the left.
+fn newton(knee: &Knee, c: f64, r: f64, x: f64) -> (f64, bool) {
+    let factor = knee.factor(x);
+    let value = (x - c) * factor - r;
+    (value / (factor + (x - c) * knee.slope(x)), value > 0.0)
+}
+
+/// What rounding leaves open.
+fn grain(x: f64, c: f64) -> f64 {
+    2.0 * f64::EPSILON * x.abs().max(c.abs())
+}
+
+/// Newton's method where the function is convex and rises: from the right it comes down to the root without a detour.
+fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
+    for iterations in 1..=MOST {
+        let (step, left) = newton(knee, c, r, x);
+        if !left || step <= grain(x, c) {
+            let strain = x - step;
+            return Found { strain, iterations };
+        }
+        x -= step;
+    }
+    let (strain, iterations) = (x, MOST);
+    Found { strain, iterations }
+}
+
+/// Newton's method from c, with bisection where it leaves the interval that holds the root or does not halve its step.
+fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
+    let mut low = c;
+    let mut x = c;
+    let mut last = high - low;
+    for iterations in 1..=MOST {
+        let (step, left) = newton(knee, c, r, x);
+        if left {
+            high = x
+        } else {
+            low = x
+        }
+        let mut next = x - step;
+        // Not a number where the slope is 0.
+        if !(next >= low && next <= high && step.abs() <= 0.5 * last) {
+            next = low + 0.5 * (high - low);
+        }
+        last = (next - x).abs();
+        x = next;
+        if last <= grain(x, c) {
+            let strain = x;
+            return Found { strain, iterations };
+        }
+    }
+    let (strain, iterations) = (x, MOST);
+    Found { strain, iterations }
+}
+
+#[cfg(test)]
+mod tests;

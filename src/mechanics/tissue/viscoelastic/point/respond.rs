@@ -1,0 +1,277 @@
+//! The response of a material point to a history that is linear between given times.
+
+mod refine;
+
+use super::balance;
+use super::body::{Line, Memory};
+use super::{Control, Point, PointError, Structure, check};
+use crate::mechanics::tissue::viscoelastic::{Rule, Span};
+
+/// Which rule sums up the past, see [`Rule`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// [`Rule::Rectangle`].
+    Rectangle,
+    /// [`Rule::Trapezoid`].
+    Trapezoid,
+    /// [`Rule::GruenwaldLetnikov`]: the times must be equally far apart.
+    GruenwaldLetnikov,
+    /// [`Rule::Exponentials`], with the span that the history needs and a tolerance of 1e-10.
+    Exponentials,
+}
+
+const TOLERANCE: f64 = 1e-10;
+/// Intervals that differ by less, relatively, are equal: times in decimals are.
+const EQUAL: f64 = 1e-9;
+
+/// A history of stress or strain. Before the first time all is at rest; then the value may jump to the first one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loading {
+    /// Which of the two is given.
+    pub control: Control,
+    /// When, s, ascending. The first is the start.
+    pub time_s: Vec<f64>,
+    /// Stress in kPa or strain at those times, linear between them.
+    pub value: Vec<f64>,
+}
+
+/// What a material point does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Response {
+    /// Shear strain at each time of the history.
+    pub strain: Vec<f64>,
+    /// Shear stress, kPa. None where it is infinite: at a jump of strain, in a body that begins with a spring-pot.
+    pub stress_kpa: Vec<Option<f64>>,
+    /// Steps between two times of the history.
+    pub substeps: usize,
+    /// How much the response changed when steps were last halved, as a share of its largest value: an estimate of its error. None
+    /// where they were not.
+    pub change: Option<f64>,
+    /// The most iterations that one step took.
+    pub iterations: usize,
+}
+
+impl Loading {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`PointError`].
+    pub fn check(&self) -> Result<(), PointError> {
+        let (times, values) = (self.time_s.len(), self.value.len());
+        if times != values || times == 0 {
+            return Err(PointError::Lengths { times, values });
+        }
+        let wrong = |key, at: usize, found, expected| PointError::Number {
+            key,
+            at: Some(at),
+            found,
+            expected,
+        };
+        if let Some(at) = self.value.iter().position(|x| !x.is_finite()) {
+            return Err(wrong("value", at, self.value[at], "a finite number"));
+        }
+        for (at, time) in self.time_s.iter().enumerate() {
+            if !time.is_finite() {
+                return Err(wrong("time_s", at, *time, "a finite number of seconds"));
+            }
+            if at > 0 && *time <= self.time_s[at - 1] {
+                return Err(wrong("time_s", at, *time, "a time after the one before it"));
+            }
+        }
+        let length = self.time_s[times - 1] - self.time_s[0];
+        check("time_s", length, length.is_finite(), "times that are not so far apart")
+    }
+
+    /// Checks that the times are equally far apart.
+    fn check_equal(&self) -> Result<(), PointError> {
+        let times = &self.time_s;
+        let Some(first) = times.get(1).map(|second| second - times[0]) else {
+            return Ok(());
+        };
+        let odd = times
+            .windows(2)
+            .position(|pair| (pair[1] - pair[0] - first).abs() > EQUAL * first);
+        odd.map_or(Ok(()), |at| {
+            Err(PointError::Number {
+                key: "time_s",
+                at: Some(at + 1),
+                found: times[at + 1],
+                expected: "times equally far apart, which the rule of Gruenwald and Letnikov needs",
+            })
+        })
+    }
+}
+
+/// How the time between two points of a history is divided: into so many steps, after a power law that is fine after the first
+/// point, or equal for 1.
+#[derive(Clone, Copy, Debug)]
+struct Division {
+    substeps: usize,
+    grading: i32,
+}
+
+/// Steps grow as the cube of their number. After a jump what a spring-pot does begins as t^k: a second-order rule keeps its order at
+/// later times on steps graded by 2 / (1 + k) or more, and 3 leaves room for points that lie decades apart.
+const GRADING: i32 = 3;
+
+impl Division {
+    /// Share of the time between two points, before the `at`th step's end.
+    fn share(self, at: usize) -> f64 {
+        (at as f64 / self.substeps as f64).powi(self.grading)
+    }
+}
+
+impl Point {
+    /// The response, with steps between the given times halved until that changes it by less than 1e-7 of its largest value, or
+    /// until there are as many as the rule's cost allows (see [`Response::change`]).
+    ///
+    /// # Errors
+    /// [`PointError`].
+    pub fn respond(&self, loading: &Loading, method: Method) -> Result<Response, PointError> {
+        self.check()?;
+        loading.check()?;
+        refine::refined(self, loading, method)
+    }
+
+    /// The response with so many steps between two times, graded except where the rule wants equal ones.
+    ///
+    /// # Errors
+    /// [`PointError`].
+    pub fn respond_in(&self, loading: &Loading, method: Method, substeps: usize) -> Result<Response, PointError> {
+        self.check()?;
+        loading.check()?;
+        check("substeps", substeps as f64, substeps > 0, "at least one step")?;
+        let equal = substeps == 1 || method == Method::GruenwaldLetnikov;
+        let division = Division {
+            substeps,
+            grading: if equal { 1 } else { GRADING },
+        };
+        if method == Method::GruenwaldLetnikov {
+            loading.check_equal()?;
+        }
+        let rule = rule(loading, method, division);
+        self.follow(loading, &rule, division)
+    }
+
+    fn follow(&self, loading: &Loading, rule: &Rule, division: Division) -> Result<Response, PointError> {
+        let Loading { control, time_s, value } = loading;
+        let mut response = Response {
+            strain: Vec::with_capacity(value.len()),
+            stress_kpa: Vec::with_capacity(value.len()),
+            substeps: division.substeps,
+            change: None,
+            iterations: 0,
+        };
+        let start = self.balance(&self.body.at_start(), *control, value[0], &mut response.iterations);
+        response.push(&start, time_s[0])?;
+        let mut memory = Memory::start(&self.body, rule, *control, start.reduced_strain, start.reduced_stress)?;
+        for at in 1..time_s.len() {
+            let length = time_s[at] - time_s[at - 1];
+            let rise = value[at] - value[at - 1];
+            let mut before = 0.0;
+            for substep in 1..=division.substeps {
+                let share = division.share(substep);
+                let step_s = (share - before) * length;
+                before = share;
+                let given = if substep == division.substeps {
+                    value[at]
+                } else {
+                    value[at - 1] + share * rise
+                };
+                let line = memory.predict(step_s)?;
+                let state = self.balance(&line, *control, given, &mut response.iterations);
+                if !(state.stress.is_finite() && state.strain.is_finite()) {
+                    return Err(PointError::Overflow { time_s: time_s[at] });
+                }
+                memory.commit(step_s, state.reduced_strain, state.reduced_stress)?;
+                if substep == division.substeps {
+                    response.push(&state, time_s[at])?;
+                }
+            }
+        }
+        Ok(response)
+    }
+
+    /// Strain and stress where one of them is given and the linear body lets them lie on a line.
+    fn balance(&self, line: &Line, control: Control, given: f64, most: &mut usize) -> State {
+        let strain = match control {
+            Control::Strain => given,
+            Control::Stress => {
+                let found = balance::strain(&self.knee, self.structure, line, given);
+                *most = found.iterations.max(*most);
+                found.strain
+            }
+        };
+        // The linear body is told of a strain or of a stress in which the knee is already accounted for.
+        let factor = self.knee.factor(strain);
+        let (over_strain, over_stress) = match self.structure {
+            Structure::Rate => (1.0, factor),
+            Structure::LoadIntegral => (factor, 1.0),
+        };
+        let reduced_strain = over_strain * strain;
+        let reduced_stress = match control {
+            Control::Strain => line.stress(reduced_strain),
+            Control::Stress => given / over_stress,
+        };
+        let stress = match control {
+            Control::Strain => over_stress * reduced_stress,
+            Control::Stress => given,
+        };
+        State {
+            strain,
+            stress,
+            reduced_strain,
+            reduced_stress,
+        }
+    }
+}
+
+/// Strain and stress, and what the linear body is told of them.
+#[derive(Clone, Copy, Debug)]
+struct State {
+    strain: f64,
+    stress: f64,
+    reduced_strain: f64,
+    reduced_stress: f64,
+}
+
+impl Response {
+    fn push(&mut self, state: &State, time_s: f64) -> Result<(), PointError> {
+        let first = self.strain.is_empty();
+        if state.stress.is_nan() || !state.strain.is_finite() || !(first || state.stress.is_finite()) {
+            return Err(PointError::Overflow { time_s });
+        }
+        self.strain.push(state.strain);
+        self.stress_kpa
+            .push(Some(state.stress).filter(|stress| stress.is_finite()));
+        Ok(())
+    }
+}
+
+/// The rule for a history so divided.
+fn rule(loading: &Loading, method: Method, division: Division) -> Rule {
+    let times = &loading.time_s;
+    match method {
+        Method::Rectangle => Rule::Rectangle,
+        Method::Trapezoid => Rule::Trapezoid,
+        Method::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
+        Method::Exponentials => {
+            let shortest = times
+                .windows(2)
+                .map(|pair| pair[1] - pair[0])
+                .fold(f64::INFINITY, f64::min);
+            let longest_s = times[times.len() - 1] - times[0];
+            // Times that lie all at one leave nothing to sum.
+            let (shortest, longest_s) = if longest_s > 0.0 {
+                (shortest, longest_s)
+            } else {
+                (1.0, 1.0)
+            };
+            Rule::Exponentials(Span {
+                shortest_s: shortest * division.share(1),
+                longest_s,
+                tolerance: TOLERANCE,
+            })
+        }
+    }
+}

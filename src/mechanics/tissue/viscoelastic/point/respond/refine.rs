@@ -1,0 +1,59 @@
+//! Steps halved until the response settles.
+
+use super::{Loading, Method, Point, PointError, Response};
+
+/// A change by less than this share of the largest value ends it.
+const SETTLED: f64 = 1e-7;
+/// Steps between two points to begin with.
+const FIRST: usize = 8;
+
+/// As many steps in all as take about a second.
+fn most(method: Method) -> usize {
+    match method {
+        // Every step weighs all before it, with other weights than the step before had.
+        Method::Rectangle | Method::Trapezoid => 1 << 12,
+        Method::GruenwaldLetnikov => 1 << 15,
+        Method::Exponentials => 1 << 17,
+    }
+}
+
+pub(super) fn refined(point: &Point, loading: &Loading, method: Method) -> Result<Response, PointError> {
+    let intervals = loading.time_s.len() - 1;
+    let fits = |substeps: usize| intervals.saturating_mul(substeps) <= most(method);
+    let mut substeps = FIRST;
+    while substeps > 1 && !fits(substeps) {
+        substeps /= 2;
+    }
+    let mut response = point.respond_in(loading, method, substeps)?;
+    if intervals == 0 {
+        response.change = Some(0.0);
+        return Ok(response);
+    }
+    while fits(2 * substeps) {
+        substeps *= 2;
+        let mut finer = point.respond_in(loading, method, substeps)?;
+        let change = change(&response, &finer);
+        finer.change = Some(change);
+        response = finer;
+        if change <= SETTLED {
+            break;
+        }
+    }
+    Ok(response)
+}
+
+/// The largest difference of two responses, as a share of the largest value.
+fn change(one: &Response, other: &Response) -> f64 {
+    let share = |pairs: &mut dyn Iterator<Item = (f64, f64)>| {
+        let (mut difference, mut largest) = (0.0f64, 0.0f64);
+        for (a, b) in pairs {
+            difference = difference.max((a - b).abs());
+            largest = largest.max(b.abs());
+        }
+        if difference == 0.0 { 0.0 } else { difference / largest }
+    };
+    let strains = one.strain.iter().copied().zip(other.strain.iter().copied());
+    let stresses = one.stress_kpa.iter().zip(&other.stress_kpa);
+    let stresses = stresses.filter_map(|(a, b)| Some(((*a)?, (*b)?)));
+    share(&mut { strains }).max(share(&mut { stresses }))
+}
