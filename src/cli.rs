@@ -9,6 +9,7 @@ mod info;
 mod input;
 mod insert;
 mod inspect;
+mod material;
 mod mesh;
 mod phantom;
 mod plan;
@@ -17,6 +18,7 @@ mod scene;
 mod schema;
 mod solve;
 mod stability;
+mod svg;
 mod terminal;
 mod tradeoff;
 mod vtu;
@@ -38,6 +40,7 @@ Examples:
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
+  insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
   insonify stability --quick                       hard cases of the numerics, and whether they hold
   insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
   insonify doctor                                  what this machine can render on
@@ -63,6 +66,7 @@ enum Command {
     Info(info::Info),
     Insert(insert::Insert),
     Solve(solve::Solve),
+    Material(material::Material),
     Stability(stability::Stability),
     Phantom(phantom::Phantom),
     Mesh(mesh::Mesh),
@@ -84,6 +88,7 @@ impl Cli {
             Command::Info(info) => info.run(),
             Command::Insert(insert) => insert.run(),
             Command::Solve(solve) => solve.run(),
+            Command::Material(material) => material.run(),
             Command::Stability(stability) => stability.run(),
             Command::Phantom(phantom) => phantom.run(),
             Command::Mesh(mesh) => mesh.run(),

@@ -5,6 +5,7 @@ use std::fmt;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::gpu::GpuError;
+use crate::material_case::CaseError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -41,6 +42,9 @@ pub enum Error {
     /// A static problem cannot be solved.
     #[error(transparent)]
     Statics(#[from] StaticsError),
+    /// A material cannot be tested.
+    #[error(transparent)]
+    Material(#[from] CaseError),
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
@@ -94,6 +98,7 @@ impl Error {
             Self::Scene(error) => error.is_machine(),
             Self::Scenario(error) => error.is_machine(),
             Self::Statics(error) => error.is_machine(),
+            Self::Material(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -123,6 +128,7 @@ impl Diagnostic for Error {
             Self::Scene(error) => error.help(),
             Self::Scenario(error) => error.help(),
             Self::Statics(error) => error.help(),
+            Self::Material(error) => error.help(),
             _ => None,
         }
     }
@@ -132,6 +138,7 @@ impl Diagnostic for Error {
             Self::Scene(error) => error.source_code(),
             Self::Scenario(error) => error.source_code(),
             Self::Statics(error) => error.source_code(),
+            Self::Material(error) => error.source_code(),
             _ => None,
         }
     }
@@ -141,6 +148,7 @@ impl Diagnostic for Error {
             Self::Scene(error) => error.labels(),
             Self::Scenario(error) => error.labels(),
             Self::Statics(error) => error.labels(),
+            Self::Material(error) => error.labels(),
             _ => None,
         }
     }

@@ -16,6 +16,7 @@
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
+//! | [`material_case`] | tests of a material as a user writes them |
 //! | [`simulator`] | steps at the rate of the hand, images of them on another thread |
 //! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
 //! | [`scenario`] | needle insertions as a user writes them, and their run |
@@ -33,6 +34,7 @@ pub mod document;
 pub mod effects;
 pub mod error;
 pub mod gpu;
+pub mod material_case;
 pub mod mechanics;
 mod memory;
 pub mod output;

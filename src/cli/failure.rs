@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use insonify::error::{INPUT, MACHINE};
 use insonify::gpu::GpuError;
+use insonify::material_case::CaseError;
 use insonify::mechanics::insertion::StepError;
 use insonify::mechanics::mesh::file::MeshFileError;
 use insonify::mechanics::mesh::generate::GenerateError;
@@ -114,6 +115,7 @@ macro_rules! from_library {
 }
 
 from_library!(
+    CaseError,
     CompletionError,
     GenerateError,
     GpuError,

@@ -1,6 +1,7 @@
 //! `insonify schema`: the JSON schemas of what is read and written.
 
 use clap::{Args, ValueEnum};
+use insonify::material_case::CaseFile;
 use insonify::output::sidecar::Sidecar;
 use insonify::statics::ProblemFile;
 use schemars::schema_for;
@@ -23,6 +24,8 @@ enum Of {
     /// A problem file that `solve` reads
     #[value(alias = "solve")]
     Problem,
+    /// A case file that `material` reads
+    Material,
     /// A scenario file that `insert` reads
     #[value(alias = "insert")]
     Scenario,
@@ -35,6 +38,7 @@ impl Schema {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify::scene::schema(),
             Of::Problem => schema_for!(ProblemFile).to_value(),
+            Of::Material => schema_for!(CaseFile).to_value(),
             Of::Scenario => insonify::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })

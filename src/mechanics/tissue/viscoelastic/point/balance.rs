@@ -35,7 +35,8 @@ fn root(knee: &Knee, c: f64, r: f64) -> Found {
     }
     let whole = c + r;
     let found = |strain, iterations| Found { strain, iterations };
-    if knee.stiffening == 0.0 || r == 0.0 || c.abs().max(whole.abs()) <= knee.strain {
+    if knee.stiffening == 0.0 || r == 0.0 || whole.abs() <= knee.strain {
+        // Below the knee the whole of r is strain.
         return found(whole, 0);
     }
     // Above the knee s is more than a times the square of what is above it, and so is x - c above the cube root of r / a.
@@ -57,7 +58,7 @@ fn newton(knee: &Knee, c: f64, r: f64, x: f64) -> (f64, bool) {
 
 /// What rounding leaves open.
 fn grain(x: f64, c: f64) -> f64 {
-    2.0 * f64::EPSILON * x.abs().max(c.abs())
+    4.0 * f64::EPSILON * x.abs().max(c.abs())
 }
 
 /// Newton's method where the function is convex and rises: from the right it comes down to the root without a detour.
@@ -86,17 +87,19 @@ fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
         } else {
             low = x
         }
+        // A root at an end of the interval may be met from beyond it by rounding.
+        let slack = grain(x, c);
         let mut next = x - step;
+        if step.abs() <= slack {
+            let strain = next;
+            return Found { strain, iterations };
+        }
         // Not a number where the slope is 0.
-        if !(next >= low && next <= high && step.abs() <= 0.5 * last) {
+        if !(next >= low - slack && next <= high + slack && step.abs() <= 0.5 * last) {
             next = low + 0.5 * (high - low);
         }
         last = (next - x).abs();
         x = next;
-        if last <= grain(x, c) {
-            let strain = x;
-            return Found { strain, iterations };
-        }
     }
     let (strain, iterations) = (x, MOST);
     Found { strain, iterations }

@@ -1,0 +1,85 @@
+//! `insonify material`: a point of tissue under a history of stress or strain.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use insonify::material_case::{self, CaseFile};
+
+use super::failure::Failure;
+use super::{svg, terminal};
+
+const EXAMPLES: &str = "\
+The case file names a law, its numbers, and a history of stress or strain; the other of the two is answered:
+  law = \"spring-pot\"      # or \"zener\", with modulus_inf_kpa and tau_s
+  order = 0.1             # 0 a spring, 1 a dashpot
+  modulus_kpa = 0.4
+  [history]
+  control = \"stress\"      # creep; \"strain\": relaxation
+  time_s = [0, 1, 10, 100]
+  value = [0.05, 0.05, 0.05, 0.05]
+
+Examples:
+  insonify material --example > creep.toml         liver in a creep test: every key, its unit and default
+  insonify material creep.toml                     time, strain and stress as a table
+  insonify material creep.toml -o creep.svg        what answers, against time
+  insonify material creep.toml --json | jq .strain
+  insonify material creep.toml --rheometer tests   the measurements of paper 3 on this material: moduli, creep, stiffness
+  insonify schema material                         every key, as a JSON schema
+
+The history is linear between its times and may jump at the start, where the material was at rest. In between, steps are
+halved until the answer settles to 1e-7 of its largest value, as far as a rule affords; the table says how far it did.
+Gruenwald and Letnikov's rule takes equally spaced times only.
+A stress that is infinite, at a jump of strain in a spring-pot, is null in JSON.
+Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not do.";
+
+/// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Material {
+    /// Case file: the material and its history
+    #[arg(value_name = "CASE.toml", required_unless_present = "example")]
+    case: Option<PathBuf>,
+    /// Print a case file to start from
+    #[arg(long, conflicts_with_all = ["case", "json", "output", "rheometer"])]
+    example: bool,
+    /// Print one JSON object: `time_s`, `strain`, `stress_kpa`
+    #[arg(long)]
+    json: bool,
+    /// Plot what answers against time
+    #[arg(short, long, value_name = "PLOT.svg")]
+    output: Option<PathBuf>,
+    /// Put the material through the measurements of paper 3 in place of its history: plots, one SVG file each
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
+    rheometer: Option<PathBuf>,
+}
+
+impl Material {
+    pub fn run(&self) -> Result<(), Failure> {
+        let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
+            return terminal::emit(material_case::EXAMPLE);
+        };
+        self.output.as_deref().map_or(Ok(()), svg::check)?;
+        let case = CaseFile::read(path)?.resolve()?;
+        if let Some(folder) = &self.rheometer {
+            let tests = case.rheometer()?;
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
+            for (stem, plot) in tests.plots() {
+                svg::write(&folder.join(stem).with_extension("svg"), &plot)?;
+            }
+            return terminal::emit(&tests.to_string());
+        }
+        let report = case.run()?;
+        report.warnings().iter().for_each(terminal::warn);
+        if let Some(output) = &self.output {
+            svg::write(output, &report.plot())?;
+        }
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            terminal::emit(&report.to_string())
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! What is told of a material under test.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::mechanics::tissue::viscoelastic::point::{Control, Loading, Response};
+use crate::study::plot::{Axis, Marker, Plot, Series};
+
+/// What a material does, as `insonify material --json` prints it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The times of the history, s.
+    pub time_s: Vec<f64>,
+    /// Shear strain at those times.
+    pub strain: Vec<f64>,
+    /// Shear stress, kPa. None (`null`) where it is infinite: at a jump of strain, in a spring-pot.
+    pub stress_kpa: Vec<Option<f64>>,
+    /// Which of the two was given.
+    #[serde(skip)]
+    pub control: Control,
+    /// Steps between two times.
+    #[serde(skip)]
+    pub substeps: usize,
+    /// How far the answer changed when steps were last halved, as a share of its largest value; none where they were not.
+    #[serde(skip)]
+    pub change: Option<f64>,
+}
+
+/// An estimated error above this is worth a warning.
+const ROUGH: f64 = 1e-3;
+/// Points of a plot with markers.
+const MARKED: usize = 60;
+
+impl Report {
+    pub(super) fn new(loading: &Loading, response: Response) -> Report {
+        Report {
+            time_s: loading.time_s.clone(),
+            strain: response.strain,
+            stress_kpa: response.stress_kpa,
+            control: loading.control,
+            substeps: response.substeps,
+            change: response.change,
+        }
+    }
+
+    /// What may surprise.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.stress_kpa.contains(&None) {
+            warnings.push("the stress at the start is infinite (null in JSON): a spring-pot cannot jump".to_owned());
+        }
+        match self.change {
+            None => warnings.push("the history is too long to be refined: its own times are the steps".to_owned()),
+            Some(change) if change > ROUGH => warnings.push(format!(
+                "the answer still changed by {change:.1e} of its largest value when steps were last halved; another rule may do better"
+            )),
+            Some(_) => {}
+        }
+        warnings
+    }
+
+    /// What answers, against time.
+    pub fn plot(&self) -> Plot {
+        let pairs = |values: &mut dyn Iterator<Item = Option<f64>>| {
+            let pairs = self.time_s.iter().zip(values);
+            pairs.filter_map(|(time, value)| Some([*time, value?])).collect()
+        };
+        let (title, label, points) = match self.control {
+            Control::Stress => {
+                let points = pairs(&mut self.strain.iter().copied().map(Some));
+                ("Strain under the given stress", "shear strain", points)
+            }
+            Control::Strain => {
+                let points = pairs(&mut self.stress_kpa.iter().copied());
+                ("Stress under the given strain", "shear stress, kPa", points)
+            }
+        };
+        Plot {
+            title: title.to_owned(),
+            x: Axis::linear("time, s"),
+            y: Axis::linear(label),
+            series: vec![Series {
+                name: label.to_owned(),
+                points,
+                joined: true,
+                marker: if self.time_s.len() > MARKED {
+                    Marker::None
+                } else {
+                    Marker::Disc
+                },
+                colour: 0,
+            }],
+            markers: Vec::new(),
+            front: Vec::new(),
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:>14} {:>14} {:>14}", "time s", "strain", "stress kPa")?;
+        for ((time, strain), stress) in self.time_s.iter().zip(&self.strain).zip(&self.stress_kpa) {
+            match stress {
+                Some(stress) => writeln!(f, "{time:>14.6} {strain:>14.6} {stress:>14.6}")?,
+                None => writeln!(f, "{time:>14.6} {strain:>14.6} {:>14}", "infinite")?,
+            }
+        }
+        write!(f, "\nsteps between two times {}", self.substeps)?;
+        match self.change {
+            Some(change) => write!(
+                f,
+                ", last halving changed the answer by {change:.1e} of its largest value"
+            ),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! From a case file to a material and its history.
+
+use super::error::CaseError;
+use super::file::{CaseFile, ControlName, Law, RuleName, StructureName};
+use super::report::Report;
+use crate::mechanics::tissue::viscoelastic::point::{
+    Body, Control, Knee, Loading, Method, Point, PointError, Structure,
+};
+
+/// A test of a material, every number of it checked.
+#[derive(Clone, Debug)]
+pub struct Case {
+    file: CaseFile,
+    point: Point,
+    loading: Loading,
+    method: Method,
+}
+
+impl CaseFile {
+    /// Checks every key and number.
+    ///
+    /// # Errors
+    /// [`CaseError`], with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, CaseError> {
+        let point = Point {
+            body: self.body()?,
+            knee: self.knee()?,
+            structure: match self.structure {
+                StructureName::Rate => Structure::Rate,
+                StructureName::LoadIntegral => Structure::LoadIntegral,
+            },
+        };
+        let loading = Loading {
+            control: match self.history.control {
+                ControlName::Stress => Control::Stress,
+                ControlName::Strain => Control::Strain,
+            },
+            time_s: self.history.time_s.clone(),
+            value: self.history.value.clone(),
+        };
+        let method = match self.rule {
+            RuleName::Rectangle => Method::Rectangle,
+            RuleName::Trapezoid => Method::Trapezoid,
+            RuleName::GruenwaldLetnikov => Method::GruenwaldLetnikov,
+            RuleName::Exponentials => Method::Exponentials,
+        };
+        let checked = point.check().and_then(|()| loading.check());
+        checked.map_err(|error| self.blame(error))?;
+        Ok(Case {
+            file: self,
+            point,
+            loading,
+            method,
+        })
+    }
+
+    fn body(&self) -> Result<Body, CaseError> {
+        let (order, modulus_kpa) = (self.order, self.modulus_kpa);
+        match self.law {
+            Law::SpringPot => {
+                for (key, value) in [("modulus_inf_kpa", self.modulus_inf_kpa), ("tau_s", self.tau_s)] {
+                    if value.is_some() {
+                        let found = format!("`{key}` with `law = \"spring-pot\"`");
+                        return Err(self.wrong_keys(key, found, "`law = \"zener\"`, to which it belongs"));
+                    }
+                }
+                Ok(Body::SpringPot { order, modulus_kpa })
+            }
+            Law::Zener => {
+                let need = |key: &str, value: Option<f64>, what: &str| {
+                    value.ok_or_else(|| {
+                        self.wrong_keys(
+                            "law",
+                            format!("`law = \"zener\"` without `{key}`"),
+                            format!("`{key}`, {what}"),
+                        )
+                    })
+                };
+                Ok(Body::Zener {
+                    order,
+                    modulus_kpa,
+                    modulus_inf_kpa: need("modulus_inf_kpa", self.modulus_inf_kpa, "the modulus that stays, kPa")?,
+                    tau_s: need("tau_s", self.tau_s, "the time of the branch, s")?,
+                })
+            }
+        }
+    }
+
+    fn knee(&self) -> Result<Knee, CaseError> {
+        match (self.knee_strain, self.stiffening) {
+            (None, None) => Ok(Knee::NONE),
+            (Some(strain), Some(stiffening)) => Ok(Knee { strain, stiffening }),
+            (Some(_), None) => Err(self.wrong_keys(
+                "knee_strain",
+                "`knee_strain` without `stiffening`",
+                "both, or neither for a material that never stiffens",
+            )),
+            (None, Some(_)) => Err(self.wrong_keys(
+                "stiffening",
+                "`stiffening` without `knee_strain`",
+                "both, or neither for a material that never stiffens",
+            )),
+        }
+    }
+}
+
+impl Case {
+    /// The material.
+    pub fn point(&self) -> &Point {
+        &self.point
+    }
+
+    /// What is done to it.
+    pub fn loading(&self) -> &Loading {
+        &self.loading
+    }
+
+    /// Follows the history.
+    ///
+    /// # Errors
+    /// [`CaseError`] where the rule cannot follow it, or where stress or strain leaves the range of numbers.
+    pub fn run(&self) -> Result<Report, CaseError> {
+        let response = self.point.respond(&self.loading, self.method);
+        let response = response.map_err(|error| self.blame(error))?;
+        Ok(Report::new(&self.loading, response))
+    }
+
+    /// The error with the key that it is about.
+    pub(super) fn blame(&self, error: PointError) -> CaseError {
+        self.file.blame(error)
+    }
+}

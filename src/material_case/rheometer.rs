@@ -1,0 +1,338 @@
+//! The measurements of paper 3 (section 3.1) on a material: a sine at many frequencies (figure 7), creep at many stresses
+//! (section 3.1.2), and the stiffness that creep shows against strain (figure 8).
+
+use std::f64::consts::TAU;
+use std::fmt;
+
+use super::error::CaseError;
+use super::resolve::Case;
+use crate::mechanics::tissue::viscoelastic::point::{
+    Body, Control, Knee, Loading, Method, Point, PointError, Structure,
+};
+use crate::study::plot::{Axis, Marker, Plot, Series};
+
+/// Storage and loss modulus at one frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamic {
+    /// Angular frequency, rad/s.
+    pub frequency: f64,
+    /// G' and G'' as found from the stress of a sine of strain, kPa.
+    pub found_kpa: [f64; 2],
+    /// As they follow from the law, kPa.
+    pub exact_kpa: [f64; 2],
+}
+
+/// Strain under a stress that is put on and held.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Creep {
+    /// The stress, kPa.
+    pub stress_kpa: f64,
+    /// Time (s) and shear strain.
+    pub curve: Vec<[f64; 2]>,
+}
+
+/// The stiffness that creep shows: how much less the strain is than without a knee.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiffness {
+    /// Where the stiffness stands beside the memory.
+    pub structure: Structure,
+    /// Shear strain after [`HELD_S`].
+    pub strain: f64,
+    /// G that equation 2 of the paper gives for it, kPa.
+    pub found_kpa: f64,
+    /// G at this strain, kPa.
+    pub law_kpa: f64,
+}
+
+/// All measurements of a material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rheometer {
+    /// At frequencies from 0.1 to 10 rad/s.
+    pub dynamic: Vec<Dynamic>,
+    /// At stresses from below the knee to far above it, with the structure of the case.
+    pub creep: Vec<Creep>,
+    /// At more stresses, with both structures.
+    pub stiffness: Vec<Stiffness>,
+}
+
+/// How long creep is looked at, s.
+pub const HELD_S: f64 = 100.0;
+/// Amplitude of the sine of strain: 3 %, as in the paper.
+const AMPLITUDE: f64 = 0.03;
+const FREQUENCIES: usize = 13;
+/// Periods of a sine: what is left of its start then is under 1e-4 of it.
+const PERIODS: usize = 20;
+const STEPS_A_PERIOD: usize = 256;
+const CURVES: usize = 5;
+const STRESSES: usize = 16;
+
+impl Case {
+    /// Measures the material. Only its knee and its structure count for creep; the sine is as small as in the paper.
+    ///
+    /// # Errors
+    /// [`CaseError`] where stress or strain leaves the range of numbers.
+    pub fn rheometer(&self) -> Result<Rheometer, CaseError> {
+        let point = self.point();
+        let measured = || -> Result<Rheometer, PointError> {
+            Ok(Rheometer {
+                dynamic: dynamic(point)?,
+                creep: creep(point)?,
+                stiffness: stiffness(point)?,
+            })
+        };
+        measured().map_err(|error| self.blame(error))
+    }
+}
+
+fn dynamic(point: &Point) -> Result<Vec<Dynamic>, PointError> {
+    let at = |step: usize| -> Result<Dynamic, PointError> {
+        let frequency = 10f64.powf(2.0 * step as f64 / (FREQUENCIES - 1) as f64 - 1.0);
+        let steps = PERIODS * STEPS_A_PERIOD;
+        let phase = |step: usize| TAU * step as f64 / STEPS_A_PERIOD as f64;
+        let loading = Loading {
+            control: Control::Strain,
+            time_s: (0..=steps).map(|step| phase(step) / frequency).collect(),
+            value: (0..=steps).map(|step| AMPLITUDE * phase(step).sin()).collect(),
+        };
+        let response = point.respond_in(&loading, Method::Exponentials, 1)?;
+        let mut found_kpa = [0.0; 2];
+        for step in steps - STEPS_A_PERIOD..steps {
+            let (sin, cos) = phase(step).sin_cos();
+            let stress = response.stress_kpa[step].unwrap_or(0.0) / AMPLITUDE;
+            found_kpa[0] += stress * sin * 2.0 / STEPS_A_PERIOD as f64;
+            found_kpa[1] += stress * cos * 2.0 / STEPS_A_PERIOD as f64;
+        }
+        Ok(Dynamic {
+            frequency,
+            found_kpa,
+            exact_kpa: point.body.dynamic_kpa(frequency),
+        })
+    };
+    (0..FREQUENCIES).map(at).collect()
+}
+
+/// A stress put on at the start and held, at the times given.
+fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, PointError> {
+    let loading = Loading {
+        control: Control::Stress,
+        time_s: time_s.to_vec(),
+        value: vec![stress_kpa; time_s.len()],
+    };
+    Ok(point.respond(&loading, Method::Exponentials)?.strain)
+}
+
+/// Stress for which the strain without a knee would be 1 in the end.
+fn unit_stress(point: &Point) -> Result<f64, PointError> {
+    let linear = Point {
+        knee: Knee::NONE,
+        ..*point
+    };
+    Ok(1.0 / held(&linear, 1.0, &[0.0, HELD_S])?[1])
+}
+
+/// A strain well above the knee, or 1 where there is none.
+fn far(point: &Point) -> f64 {
+    let Knee { strain, stiffening } = point.knee;
+    if strain.is_finite() && stiffening > 0.0 {
+        3.0 * strain.max(1.0 / stiffening.sqrt())
+    } else {
+        1.0
+    }
+}
+
+fn creep(point: &Point) -> Result<Vec<Creep>, PointError> {
+    let (unit, far) = (unit_stress(point)?, far(point));
+    let mut time_s = vec![0.0];
+    time_s.extend((0..=40).map(|at| HELD_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
+    let curve = |at: usize| -> Result<Creep, PointError> {
+        let stress_kpa = unit * far * (at + 1) as f64 / CURVES as f64;
+        let strain = held(point, stress_kpa, &time_s)?;
+        let curve = time_s
+            .iter()
+            .zip(&strain)
+            .skip(1)
+            .map(|(time, strain)| [*time, *strain]);
+        let curve = curve.collect();
+        Ok(Creep { stress_kpa, curve })
+    };
+    (0..CURVES).map(curve).collect()
+}
+
+fn stiffness(point: &Point) -> Result<Vec<Stiffness>, PointError> {
+    let (unit, far) = (unit_stress(point)?, far(point));
+    let modulus_kpa = match point.body {
+        Body::SpringPot { modulus_kpa, .. } => modulus_kpa,
+        Body::Zener {
+            modulus_kpa,
+            modulus_inf_kpa,
+            ..
+        } => modulus_kpa + modulus_inf_kpa,
+    };
+    let mut all = Vec::new();
+    for structure in [Structure::Rate, Structure::LoadIntegral] {
+        let point = Point { structure, ..*point };
+        for at in 0..STRESSES {
+            let linear = far * (at + 1) as f64 / STRESSES as f64;
+            let strain = held(&point, unit * linear, &[0.0, HELD_S])?[1];
+            all.push(Stiffness {
+                structure,
+                strain,
+                found_kpa: modulus_kpa * linear / strain,
+                law_kpa: modulus_kpa * point.knee.factor(strain),
+            });
+        }
+    }
+    Ok(all)
+}
+
+/// Slope of a straight line through points on logarithmic scales, by least squares.
+fn slope(points: &[[f64; 2]]) -> f64 {
+    let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
+    let mean = |axis: usize| logs.iter().map(|point| point[axis]).sum::<f64>() / logs.len() as f64;
+    let (x, y) = (mean(0), mean(1));
+    let product = |f: &dyn Fn(&[f64; 2]) -> f64| logs.iter().map(f).sum::<f64>();
+    product(&|p| (p[0] - x) * (p[1] - y)) / product(&|p| (p[0] - x).powi(2))
+}
+
+impl Rheometer {
+    /// Points of G' (0) or G'' (1) against frequency.
+    fn moduli(&self, which: usize, exact: bool) -> Vec<[f64; 2]> {
+        let kpa = |dynamic: &Dynamic| if exact { dynamic.exact_kpa } else { dynamic.found_kpa };
+        self.dynamic
+            .iter()
+            .map(|dynamic| [dynamic.frequency, kpa(dynamic)[which]])
+            .collect()
+    }
+
+    /// Slopes of G' and G'' against frequency on logarithmic scales: k for a spring-pot.
+    pub fn slopes(&self) -> [f64; 2] {
+        [0, 1].map(|which| slope(&self.moduli(which, false)))
+    }
+
+    /// How far what was found of G' and G'' is from what the law says, relative to |G*|.
+    pub fn dynamic_error(&self) -> f64 {
+        let error = |dynamic: &Dynamic| {
+            let [found, exact] = [dynamic.found_kpa, dynamic.exact_kpa];
+            (found[0] - exact[0]).hypot(found[1] - exact[1]) / exact[0].hypot(exact[1])
+        };
+        self.dynamic.iter().map(error).fold(0.0, f64::max)
+    }
+
+    /// The plots, each with the stem of its file.
+    pub fn plots(&self) -> Vec<(&'static str, Plot)> {
+        let plot = |title: &str, x: Axis, y: Axis, series: Vec<Series>| Plot {
+            title: title.to_owned(),
+            x,
+            y,
+            series,
+            markers: Vec::new(),
+            front: Vec::new(),
+        };
+        let points = |name: &str, colour, points| Series {
+            name: name.to_owned(),
+            points,
+            joined: false,
+            marker: Marker::Disc,
+            colour,
+        };
+        let line = |name: &str, colour, curve| Series {
+            joined: true,
+            marker: Marker::None,
+            ..points(name, colour, curve)
+        };
+        let names = ["G', storage", "G'', loss"];
+        let moduli = [0, 1].into_iter().flat_map(|which| {
+            [
+                line(names[which], which, self.moduli(which, true)),
+                points(names[which], which, self.moduli(which, false)),
+            ]
+        });
+        let creep = self
+            .creep
+            .iter()
+            .enumerate()
+            .map(|(colour, creep)| line(&format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone()));
+        let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
+        let found = |structure| of(structure).map(|point| [point.strain, point.found_kpa]).collect();
+        let mut law: Vec<[f64; 2]> = self
+            .stiffness
+            .iter()
+            .map(|point| [point.strain, point.law_kpa])
+            .collect();
+        law.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        vec![
+            (
+                "dynamic-moduli",
+                plot(
+                    "Dynamic moduli: points from a sine of 3 %, lines from the law",
+                    Axis::log("angular frequency, rad/s"),
+                    Axis::log("modulus, kPa"),
+                    moduli.collect(),
+                ),
+            ),
+            (
+                "creep",
+                plot(
+                    "Creep under a stress that is put on and held",
+                    Axis::log("time, s"),
+                    Axis::log("shear strain"),
+                    creep.collect(),
+                ),
+            ),
+            (
+                "stiffness",
+                plot(
+                    "Stiffness that creep shows after 100 s",
+                    Axis::linear("shear strain"),
+                    Axis::linear("G, kPa"),
+                    vec![
+                        line("the law", 2, law),
+                        points("rate", 0, found(Structure::Rate)),
+                        points("load-integral", 1, found(Structure::LoadIntegral)),
+                    ],
+                ),
+            ),
+        ]
+    }
+}
+
+impl fmt::Display for Rheometer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "sine of 3 % strain: slopes of G' and G'' on logarithmic scales, and their moduli"
+        )?;
+        let [storage, loss] = self.slopes();
+        writeln!(
+            f,
+            "slopes {storage:.4} and {loss:.4}; off the law by {:.1e} at most",
+            self.dynamic_error()
+        )?;
+        writeln!(f, "\n{:>12} {:>14} {:>14}", "rad/s", "G' kPa", "G'' kPa")?;
+        for dynamic in &self.dynamic {
+            let [storage, loss] = dynamic.found_kpa;
+            writeln!(f, "{:>12.4} {storage:>14.6} {loss:>14.6}", dynamic.frequency)?;
+        }
+        writeln!(
+            f,
+            "\ncreep after {HELD_S} s: the stiffness that it shows, and the law's at this strain"
+        )?;
+        writeln!(
+            f,
+            "\n{:>14} {:>12} {:>14} {:>14}",
+            "structure", "strain", "G shown kPa", "G law kPa"
+        )?;
+        for point in &self.stiffness {
+            let name = match point.structure {
+                Structure::Rate => "rate",
+                Structure::LoadIntegral => "load-integral",
+            };
+            writeln!(
+                f,
+                "{name:>14} {:>12.6} {:>14.6} {:>14.6}",
+                point.strain, point.found_kpa, point.law_kpa
+            )?;
+        }
+        Ok(())
+    }
+}
