@@ -3,3 +3,4 @@
 mod insertion;
 mod remesh;
 mod statics;
+mod viscoelastic;

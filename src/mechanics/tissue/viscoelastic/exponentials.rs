@@ -93,7 +93,7 @@ impl Exponentials {
             return;
         }
         step.step_s = step_s;
-        let own = self.moments.of(step_s, step_s);
+        let own = self.moments.of(0.0, step_s);
         step.own = [own.start, own.end];
         for (at, rate) in self.rates.iter().enumerate() {
             let z = rate * step_s;

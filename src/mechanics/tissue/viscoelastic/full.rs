@@ -51,7 +51,7 @@ impl Lags {
             };
         }
         for lag in self.starts.len() + 1..=count {
-            let ends = moments.of(lag as f64 * step_s, step_s);
+            let ends = moments.of((lag - 1) as f64 * step_s, step_s);
             if let Some(start) = self.starts.last() {
                 self.inner.push(start + ends.end);
             }
@@ -86,13 +86,13 @@ impl Full {
     fn weigh(&mut self, step_s: f64) -> f64 {
         self.uneven.clear();
         self.uneven.resize(self.steps.len() + 1, 0.0);
-        let newest = self.moments.of(step_s, step_s);
-        let mut lag = step_s;
+        let newest = self.moments.of(0.0, step_s);
+        let mut near = step_s;
         let mut start = newest.start;
         for at in (0..self.steps.len()).rev() {
             let step = self.steps[at];
-            lag += step;
-            let ends = self.moments.of(lag, step);
+            let ends = self.moments.of(near, step);
+            near += step;
             self.uneven[at + 1] = start + ends.end;
             start = ends.start;
         }

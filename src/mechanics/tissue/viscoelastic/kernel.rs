@@ -49,23 +49,31 @@ impl Moments {
         Moments { basis, order, scale }
     }
 
-    /// Weights of an interval of length `step` that started `lag` ago; `lag` is at least `step`, equal for the newest one.
-    pub(super) fn of(&self, lag: f64, step: f64) -> Ends {
+    /// Weights of an interval of length `step` that ended `near` ago (0: the newest one). Not given by when it started: that
+    /// less the length would lose a short `near` before a long step.
+    pub(super) fn of(&self, near: f64, step: f64) -> Ends {
         let k = self.order;
         if k == 0.0 {
             // Only the newest value counts.
-            let end = if lag == step { 1.0 } else { 0.0 };
+            let end = if near == 0.0 { 1.0 } else { 0.0 };
             return Ends { start: 0.0, end };
         }
+        let lag = near + step;
         let power = self.scale * lag.powf(k);
         let x = step / lag;
+        let rest = near / lag;
+        let log = if x < SERIES { (-x).ln_1p() } else { rest.ln() };
         match self.basis {
             Basis::Constant => Ends {
                 start: 0.0,
-                end: -power * (k * (-x).ln_1p()).exp_m1(),
+                end: -power * (k * log).exp_m1(),
             },
             Basis::Linear => {
-                let [start, end] = if x < SERIES { series(k, x) } else { closed(k, x) };
+                let [start, end] = if x < SERIES {
+                    series(k, x)
+                } else {
+                    closed(k, x, rest, log)
+                };
                 Ends {
                     start: power * start,
                     end: power * end,
@@ -93,12 +101,11 @@ fn series(k: f64, x: f64) -> [f64; 2] {
     }
 }
 
-/// The same from powers.
-fn closed(k: f64, x: f64) -> [f64; 2] {
-    let log = (-x).ln_1p();
+/// The same from powers; `rest` is 1 - x and `log` its logarithm.
+fn closed(k: f64, x: f64, rest: f64, log: f64) -> [f64; 2] {
     let zeroth = -(k * log).exp_m1();
     let first = k / (k + 1.0) * -((k + 1.0) * log).exp_m1();
-    [(first - (1.0 - x) * zeroth) / x, (zeroth - first) / x]
+    [(first - rest * zeroth) / x, (zeroth - first) / x]
 }
 
 #[cfg(test)]

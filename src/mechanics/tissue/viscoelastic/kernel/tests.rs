@@ -25,8 +25,8 @@ fn moments_are_those_of_quadrature() {
     for k in [0.1, 0.5, 0.9, 1.0] {
         for (lag, step) in [(1.0, 1.0), (2.0, 1.0), (3.0, 0.9), (4.5, 0.9), (1e3, 1.0), (7e-5, 1e-6)] {
             let [start, end] = by_quadrature(k, lag, step);
-            let linear = Moments::new(Basis::Linear, k).of(lag, step);
-            let constant = Moments::new(Basis::Constant, k).of(lag, step);
+            let linear = Moments::new(Basis::Linear, k).of(lag - step, step);
+            let constant = Moments::new(Basis::Constant, k).of(lag - step, step);
             // The quadrature itself errs where its integrand has a kink, at the newest interval.
             let bound = 1e-6 * (start + end);
             assert!(
@@ -44,7 +44,7 @@ fn series_meets_powers() {
     for k in [1e-3, 0.1, 0.5, 0.999, 1.0] {
         // Powers lose 1/x^2 of their digits here, and those of small orders more.
         for x in [0.2, 0.25, 0.3] {
-            let (one, other) = (series(k, x), closed(k, x));
+            let (one, other) = (series(k, x), closed(k, x, 1.0 - x, (-x).ln_1p()));
             for (one, other) in one.iter().zip(other) {
                 assert!((one / other - 1.0).abs() < 1e-13, "{k} {x}: {one} {other}");
             }
@@ -58,7 +58,7 @@ fn halves_make_up_the_whole_at_any_lag() {
         let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));
         for exponent in 0..15 {
             let lag = 10f64.powi(exponent);
-            let (ends, whole) = (linear.of(lag, 1.0), constant.of(lag, 1.0).end);
+            let (ends, whole) = (linear.of(lag - 1.0, 1.0), constant.of(lag - 1.0, 1.0).end);
             assert!(ends.start > 0.0 && ends.end > 0.0);
             assert!(((ends.start + ends.end) / whole - 1.0).abs() < 1e-14, "{k} {lag}");
             // Far away the kernel is flat: both ends count the same.
@@ -73,10 +73,25 @@ fn halves_make_up_the_whole_at_any_lag() {
 #[test]
 fn limits_of_the_order() {
     let spring = Moments::new(Basis::Linear, 0.0);
-    assert_eq!(spring.of(0.3, 0.3), Ends { start: 0.0, end: 1.0 });
-    assert_eq!(spring.of(0.7, 0.3), Ends { start: 0.0, end: 0.0 });
-    let dashpot = Moments::new(Basis::Linear, 1.0).of(5.0, 0.25);
+    assert_eq!(spring.of(0.0, 0.3), Ends { start: 0.0, end: 1.0 });
+    assert_eq!(spring.of(0.4, 0.3), Ends { start: 0.0, end: 0.0 });
+    let dashpot = Moments::new(Basis::Linear, 1.0).of(4.75, 0.25);
     assert!((dashpot.start - 0.125).abs() < 1e-16 && (dashpot.end - 0.125).abs() < 1e-16);
     assert_eq!(of_jump(-1.0, 3.0), 0.0);
     assert!((of_jump(1.0, 3.0) - 3.0).abs() < 1e-15 && of_jump(0.0, 3.0) == 1.0);
+}
+
+#[test]
+fn a_short_lag_before_a_long_step_counts() {
+    // All but 1e-12 of the step: the weights are those of the newest step, less what the short lag holds.
+    for k in [1e-3, 0.1, 0.5, 0.999] {
+        let (near, step) = (1e-9, 1e3);
+        let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));
+        let held = inverse_gamma(1.0 + k) * (f64::powf(near + step, k) - near.powf(k));
+        assert!((constant.of(near, step).end / held - 1.0).abs() < 1e-13, "{k}");
+        let ends = linear.of(near, step);
+        assert!(((ends.start + ends.end) / held - 1.0).abs() < 1e-12, "{k}");
+        let newest = linear.of(0.0, step);
+        assert!((ends.start / newest.start - 1.0).abs() < 1e-10, "{k}");
+    }
 }
