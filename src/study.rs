@@ -13,6 +13,7 @@
 
 pub mod bench;
 mod block;
+mod fractional;
 pub mod inspect;
 pub mod machine;
 pub mod plot;

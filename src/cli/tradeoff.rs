@@ -1,6 +1,7 @@
 //! `insonify tradeoff`: what accuracy costs in time, measured here and now.
 
 mod insertion;
+mod history;
 mod remesh;
 
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ pub struct Tradeoff {
 enum Study {
     Insertion(insertion::Insertion),
     Remesh(remesh::Remesh),
+    History(history::History),
 }
 
 impl Tradeoff {
@@ -29,6 +31,7 @@ impl Tradeoff {
         match &self.study {
             Study::Insertion(insertion) => insertion.run(),
             Study::Remesh(remesh) => remesh.run(),
+            Study::History(history) => history.run(),
         }
     }
 }

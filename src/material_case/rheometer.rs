@@ -287,8 +287,11 @@ impl Rheometer {
                     Axis::linear("G, kPa"),
                     vec![
                         line("the law", 2, law),
-                        points("rate", 0, found(Structure::Rate)),
                         points("load-integral", 1, found(Structure::LoadIntegral)),
+                        Series {
+                            marker: Marker::Ring,
+                            ..points("rate", 0, found(Structure::Rate))
+                        },
                     ],
                 ),
             ),

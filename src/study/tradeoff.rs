@@ -8,8 +8,10 @@
 //! |---|---|
 //! | [`insertion`] | needle insertions: levels, bevels, models, candidates of the probe, links |
 //! | [`remesh`] | levels of remeshing |
+//! | [`history`] | rules of fading memory |
 
 pub mod insertion;
+pub mod history;
 pub mod remesh;
 mod render;
 #[cfg(test)]

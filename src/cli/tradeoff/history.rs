@@ -1,0 +1,97 @@
+//! `insonify tradeoff history`: rules of fading memory.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use insonify::study::tradeoff::history::{HistoryOptions, study};
+
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify tradeoff history --quick                             a first look, in a second
+  insonify tradeoff history -o study                            histories of 100 to 100,000 steps, with plots
+  insonify tradeoff history --order 0.5 --steps 1000,5000 --json
+
+A row with a star is a best choice: no other is both faster and nearer to the exact law. A row that breaks what its
+rule promises is marked WRONG.";
+
+/// Rules of fading memory: error against the exact law, time and memory, for each rule and length of history
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct History {
+    /// Order k of the fractional integral, 0 to 1
+    #[arg(long, value_name = "K", default_value_t = HistoryOptions::default().order, value_parser = order)]
+    order: f64,
+    /// Steps of the histories [default: 100,1000,10000,100000; with --quick 100,1000]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = step_count)]
+    steps: Vec<usize>,
+    /// Short histories
+    #[arg(long)]
+    quick: bool,
+    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+impl History {
+    pub fn run(&self) -> Result<(), Failure> {
+        if let Some(folder) = &self.output {
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
+        }
+        let bar = terminal::share(self.quiet);
+        let study = study(&self.options(), &mut |what, share| {
+            bar.set_message(what.to_owned());
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let study = study.map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))?;
+        if let Some(folder) = &self.output {
+            let files = study.write(folder)?;
+            if !self.quiet {
+                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+            }
+        }
+        if self.json {
+            terminal::emit_json(&study.json())
+        } else {
+            terminal::emit(&study.text())
+        }
+    }
+
+    fn options(&self) -> HistoryOptions {
+        let steps = match (self.steps.is_empty(), self.quick) {
+            (false, _) => self.steps.clone(),
+            (true, true) => vec![100, 1000],
+            (true, false) => HistoryOptions::default().steps,
+        };
+        HistoryOptions {
+            order: self.order,
+            steps,
+        }
+    }
+}
+
+fn order(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(order) if (0.0..=1.0).contains(&order) => Ok(order),
+        _ => Err("expected a number from 0 (a spring) to 1 (a dashpot)".to_owned()),
+    }
+}
+
+fn step_count(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(steps) if (10..=1_000_000).contains(&steps) => Ok(steps),
+        _ => Err("expected a number of steps from 10 to 1000000".to_owned()),
+    }
+}

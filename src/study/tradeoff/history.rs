@@ -1,0 +1,184 @@
+//! Rules of fading memory: what a history of so many steps costs under each, and how far it is from the exact law.
+//!
+//! A spring-pot creeps under a stress that jumps to 1 at the start and then swings around it. Its strain is known in closed form. Every
+//! rule follows the same stress over the same time in as many steps as asked, at every one of which the strain is asked for, as a
+//! simulation does; the whole is timed. Steps are equal, or alternate between two lengths (where a rule takes them).
+
+mod report;
+
+use std::f64::consts::TAU;
+use std::time::Instant;
+
+use super::Study;
+use crate::mechanics::tissue::viscoelastic::{HistoryError, Operator, Rule, Span};
+use crate::study::fractional::{of_power, of_sine};
+use report::Report;
+
+/// What to study.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HistoryOptions {
+    /// Order of the spring-pot, 0 to 1 (default 0.1, as of liver).
+    pub order: f64,
+    /// Numbers of steps, each from 10 on (default 100 to 100,000).
+    pub steps: Vec<usize>,
+}
+
+impl Default for HistoryOptions {
+    fn default() -> Self {
+        HistoryOptions {
+            order: 0.1,
+            steps: vec![100, 1000, 10_000, 100_000],
+        }
+    }
+}
+
+/// How long the history takes, s, and how fast the stress swings, rad/s: five times.
+const LENGTH_S: f64 = 10.0;
+const FREQUENCY: f64 = 5.0 * TAU / LENGTH_S;
+/// Times at which the strain is compared.
+const SAMPLES: usize = 40;
+/// Unequal steps are this much longer and shorter than their mean.
+const UNEVEN: f64 = 0.3;
+/// Most steps of unequal length for the rules that then compute all weights anew at each.
+const MOST_UNEVEN: usize = 10_000;
+
+/// The lengths of steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lengths {
+    Equal,
+    Unequal,
+}
+
+/// One way to follow the history.
+#[derive(Clone, Copy, Debug)]
+struct Contender {
+    name: &'static str,
+    rule: Rule,
+    lengths: Lengths,
+    steps: usize,
+}
+
+/// How it did.
+#[derive(Clone, Copy, Debug)]
+struct Measured {
+    /// Largest error at the samples over the largest strain.
+    error: f64,
+    /// Of all steps, s.
+    seconds: f64,
+    bytes: usize,
+}
+
+/// Names of the sums of exponentials, and their tolerances.
+const EXPONENTIALS: [(&str, f64); 3] = [
+    ("exponentials, 1e-4", 1e-4),
+    ("exponentials, 1e-7", 1e-7),
+    ("exponentials, 1e-10", 1e-10),
+];
+const FULL: [(&str, Rule); 3] = [
+    ("rectangle", Rule::Rectangle),
+    ("trapezoid", Rule::Trapezoid),
+    ("Gruenwald-Letnikov", Rule::GruenwaldLetnikov),
+];
+
+/// Studies every rule. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+///
+/// # Errors
+/// [`HistoryError`] for an order outside 0 to 1.
+pub fn study(options: &HistoryOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, HistoryError> {
+    let mut contenders = Vec::new();
+    for &steps in &options.steps {
+        for lengths in [Lengths::Equal, Lengths::Unequal] {
+            let exponentials = EXPONENTIALS.map(|(name, tolerance)| (name, Rule::Exponentials(span(steps, tolerance))));
+            let takes = |rule: &Rule| {
+                let full = !matches!(rule, Rule::Exponentials(_));
+                lengths == Lengths::Equal || *rule != Rule::GruenwaldLetnikov && !(full && steps > MOST_UNEVEN)
+            };
+            let all = FULL.into_iter().chain(exponentials);
+            contenders.extend(all.filter(|(_, rule)| takes(rule)).map(|(name, rule)| Contender {
+                name,
+                rule,
+                lengths,
+                steps,
+            }));
+        }
+    }
+    let samples: Vec<f64> = (1..=SAMPLES).map(|at| at as f64 / SAMPLES as f64).collect();
+    let work: usize = contenders.iter().map(|contender| contender.steps).sum();
+    let mut done = 0;
+    let mut report = Report::new(options);
+    for contender in contenders {
+        progress(
+            &format!("{} in {} steps", contender.name, contender.steps),
+            done as f64 / work as f64,
+        );
+        let measured = contender.measure(options.order, &samples)?;
+        report.push(&contender, &measured);
+        done += contender.steps;
+    }
+    progress("done", 1.0);
+    Ok(report.finish())
+}
+
+fn span(steps: usize, tolerance: f64) -> Span {
+    Span {
+        shortest_s: (1.0 - UNEVEN) * LENGTH_S / steps as f64,
+        longest_s: LENGTH_S,
+        tolerance,
+    }
+}
+
+fn stress(t: f64) -> f64 {
+    1.0 + (FREQUENCY * t).sin()
+}
+
+fn strain(order: f64, t: f64) -> f64 {
+    of_power(order, 0.0, t) + of_sine(order, FREQUENCY, t)
+}
+
+impl Contender {
+    fn measure(&self, order: f64, samples: &[f64]) -> Result<Measured, HistoryError> {
+        // Steps that are compared; unequal ones come in pairs, so that every second time is as if they were equal.
+        let compared: Vec<usize> = samples
+            .iter()
+            .map(|share| (share * self.steps as f64) as usize / 2 * 2)
+            .collect();
+        let mut found = Vec::with_capacity(samples.len());
+        let mut compare = compared.iter().peekable();
+        let step_s = LENGTH_S / self.steps as f64;
+        let started = Instant::now();
+        let mut history = self.rule.start(Operator::Integral(order), &[stress(0.0)])?;
+        for step in 1..=self.steps {
+            let early = match self.lengths {
+                Lengths::Equal => 0.0,
+                Lengths::Unequal => UNEVEN,
+            };
+            let (length, t) = if step % 2 == 1 {
+                ((1.0 - early) * step_s, (step as f64 - early) * step_s)
+            } else {
+                ((1.0 + early) * step_s, step as f64 * step_s)
+            };
+            let mut past = [0.0];
+            let weight = history.predict(length, &mut past)?;
+            let value = stress(t);
+            if compare.next_if(|at| **at == step).is_some() {
+                found.push((t, weight * value + past[0]));
+            }
+            history.commit(length, &[value])?;
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        let (mut error, mut largest) = (0.0f64, 0.0f64);
+        for (t, found) in found {
+            let exact = strain(order, t);
+            error = error.max((found - exact).abs());
+            largest = largest.max(exact.abs());
+        }
+        Ok(Measured {
+            error: error / largest,
+            seconds,
+            bytes: history.bytes(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+//! What was measured, as a table and figures.
+
+use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
+use crate::mechanics::tissue::viscoelastic::Rule;
+use crate::study::machine::Machine;
+use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+
+const FACTORS: [Factor; 3] = [
+    Factor {
+        key: "rule",
+        label: "rule",
+    },
+    Factor {
+        key: "lengths",
+        label: "steps are",
+    },
+    Factor {
+        key: "count",
+        label: "steps",
+    },
+];
+
+const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
+    Axis {
+        key,
+        heading,
+        label,
+        log: true,
+    }
+}
+
+const AXES: [Axis; 5] = [
+    log("steps", "steps", "steps"),
+    log("total_ms", "ms", "time of all steps, ms"),
+    log("step_us", "us a step", "mean time of a step, us"),
+    log("memory_kb", "kB", "memory of the history, kB"),
+    log("error", "error", "error relative to the exact law"),
+];
+
+/// A study that is being filled in.
+pub(super) struct Report {
+    table: Table,
+    about: Vec<(&'static str, String)>,
+    notes: Vec<String>,
+    /// Steps, seconds and error of the trapezoid's longest equal history, and of the same by exponentials.
+    full: Option<(usize, Measured)>,
+    fast: Vec<(&'static str, usize, Measured)>,
+    /// Error of the last trapezoid.
+    trapezoid: f64,
+}
+
+impl Report {
+    pub(super) fn new(options: &HistoryOptions) -> Report {
+        let steps: Vec<String> = options.steps.iter().map(usize::to_string).collect();
+        let mut notes = Vec::new();
+        if options.steps.iter().any(|steps| *steps > MOST_UNEVEN) {
+            notes.push(format!(
+                "more than {MOST_UNEVEN} unequal steps are left to the exponentials: a full history weighs all of them anew each time"
+            ));
+        }
+        Report {
+            table: Table::new("history", "Rules of fading memory", &FACTORS, &AXES),
+            about: vec![("order", options.order.to_string()), ("steps", steps.join(", "))],
+            notes,
+            full: None,
+            fast: Vec::new(),
+            trapezoid: f64::INFINITY,
+        }
+    }
+
+    /// Adds a row. A sum of exponentials may add no more than its tolerance to the error of the trapezoid in as many steps.
+    pub(super) fn push(&mut self, contender: &Contender, measured: &Measured) {
+        let flag = match contender.rule {
+            Rule::Exponentials(span) => {
+                // Unequal steps are longer by as much as they differ; their error is of the second order.
+                let most = 2.0 * (self.trapezoid + span.tolerance);
+                (measured.error > most)
+                    .then(|| format!("error above {most:.1e}, twice that of the trapezoid and its tolerance"))
+            }
+            _ => None,
+        };
+        if contender.rule == Rule::Trapezoid {
+            self.trapezoid = measured.error;
+        }
+        if contender.lengths == Lengths::Equal {
+            match contender.rule {
+                Rule::Trapezoid => self.full = Some((contender.steps, *measured)),
+                Rule::Exponentials(_) => self.fast.push((contender.name, contender.steps, *measured)),
+                _ => {}
+            }
+        }
+        let steps = contender.steps as f64;
+        let lengths = match contender.lengths {
+            Lengths::Equal => "equal",
+            Lengths::Unequal => "unequal",
+        };
+        self.table.push(
+            vec![
+                contender.name.to_owned(),
+                lengths.to_owned(),
+                contender.steps.to_string(),
+            ],
+            vec![
+                Some(steps),
+                Some(measured.seconds * 1e3),
+                Some(measured.seconds * 1e6 / steps),
+                Some(measured.bytes as f64 * 1e-3),
+                Some(measured.error),
+            ],
+            flag,
+        );
+    }
+
+    pub(super) fn finish(mut self) -> Study {
+        self.table.mark_front("total_ms", "error", "lengths");
+        if let Some((steps, full)) = self.full {
+            for (name, count, fast) in &self.fast {
+                if *count == steps {
+                    self.notes.push(format!(
+                        "{name}: {:.0} times as fast as the full trapezoid over {steps} equal steps, at an error of {:.1e}",
+                        full.seconds / fast.seconds,
+                        fast.error
+                    ));
+                }
+            }
+        }
+        let figure = |file: &str, title: &str, x: &'static str, y: &'static str, front: bool| Figure {
+            file: file.to_owned(),
+            title: title.to_owned(),
+            table: "history",
+            x,
+            y,
+            colour: "rule",
+            marker: vec!["lengths"],
+            only: Vec::new(),
+            joined: true,
+            front,
+        };
+        let equal = |figure: Figure| Figure {
+            only: vec![("lengths", "equal".to_owned())],
+            marker: Vec::new(),
+            ..figure
+        };
+        Study {
+            name: "history",
+            about: self.about,
+            machine: Machine::here(),
+            tables: vec![self.table],
+            figures: vec![
+                equal(figure(
+                    "history-error-time",
+                    "Error against time, equal steps",
+                    "total_ms",
+                    "error",
+                    true,
+                )),
+                equal(figure(
+                    "history-error-memory",
+                    "Error against memory, equal steps",
+                    "memory_kb",
+                    "error",
+                    false,
+                )),
+                figure(
+                    "history-step",
+                    "Time of a step against the length of the history",
+                    "steps",
+                    "step_us",
+                    false,
+                ),
+            ],
+            notes: self.notes,
+        }
+    }
+}
