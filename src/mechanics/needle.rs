@@ -4,6 +4,7 @@
 //! along the undeformed shaft towards the tip and x to the side that a bevel deflects to; the roll of the base turns the bevel,
 //! for torsion is neglected (haptic simulator paper, section III-B).
 
+pub mod beam;
 mod bending;
 mod chain;
 mod line;

@@ -1,5 +1,6 @@
 //! Mechanics against closed forms and independent solutions.
 
+mod beam;
 mod insertion;
 mod remesh;
 mod statics;

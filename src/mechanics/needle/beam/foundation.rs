@@ -1,0 +1,106 @@
+//! What tissue does to an element: its reaction in the weak form, and how that changes.
+
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+
+use super::problem::Bed;
+
+/// Moduli are in kPa, forces per length in N/mm.
+const NMM2_PER_KPA: f64 = 1e-3;
+
+/// Tissue compressed to less than this share of its length counts as crushed.
+pub(super) const CRUSHED: f64 = 1e-9;
+
+/// Points and weights of the Gauss rule on 0 to 1, exact to degree 7: the product of two cubics is integrated exactly.
+const GAUSS: [(f64, f64); 4] = [
+    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
+
+/// Reaction per length at a point, N/mm, along the deflection; and its derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reaction {
+    pub force: f64,
+    /// By deflection, N/mm^2.
+    pub by_deflection: f64,
+    /// By slope, N/mm.
+    pub by_slope: f64,
+}
+
+/// Compression ratio of tissue beside a needle that is deflected by `u` mm.
+pub(super) fn ratio(bed: &Bed, u: f64) -> f64 {
+    1.0 - u.abs() / bed.initial_length_mm
+}
+
+/// The reaction at a point; none where tissue is crushed or forces leave all bounds.
+pub(super) fn reaction(bed: &Bed, u: f64, slope: f64) -> Option<Reaction> {
+    let ratio = ratio(bed, u);
+    // Also if the deflection is no number.
+    if ratio.partial_cmp(&CRUSHED) != Some(std::cmp::Ordering::Greater) {
+        return None;
+    }
+    let response = bed.law.at(ratio);
+    // sin^2(atan s) = s^2/(1 + s^2).
+    let square = 1.0 + slope * slope;
+    let hold = 1.0 - bed.friction * slope * slope / square;
+    let modulus = NMM2_PER_KPA * response.tangent_kpa;
+    let stiffening = NMM2_PER_KPA * response.rate_kpa * u.abs() / bed.initial_length_mm;
+    let reaction = Reaction {
+        force: modulus * u * hold,
+        by_deflection: (modulus - stiffening) * hold,
+        by_slope: -modulus * u * bed.friction * 2.0 * slope / (square * square),
+    };
+    let sum = reaction.force + reaction.by_deflection + reaction.by_slope;
+    sum.is_finite().then_some(reaction)
+}
+
+/// The reaction on an element by its two nodes (force N, moment N mm; force, moment), and its derivatives.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Load {
+    pub force: [Vector2<f64>; 2],
+    pub stiffness: [[Matrix2<f64>; 2]; 2],
+}
+
+impl Load {
+    pub const NONE: Load = Load {
+        force: [Vector2::new(0.0, 0.0); 2],
+        stiffness: [[Matrix2::new(0.0, 0.0, 0.0, 0.0); 2]; 2],
+    };
+}
+
+/// The four cubics of Hermite and their slopes, of an element of a length at a share of it.
+pub(super) fn cubics(length: f64, at: f64) -> (Vector4<f64>, Vector4<f64>) {
+    let (s, h) = (at, length);
+    let values = [
+        1.0 - s * s * (3.0 - 2.0 * s),
+        h * s * (1.0 - s) * (1.0 - s),
+        s * s * (3.0 - 2.0 * s),
+        h * s * s * (s - 1.0),
+    ];
+    let rise = 6.0 * s * (1.0 - s) / h;
+    let slopes = [-rise, (1.0 - s) * (1.0 - 3.0 * s), rise, s * (3.0 * s - 2.0)];
+    (values.into(), slopes.into())
+}
+
+/// The load on an element of a length (mm) whose nodes have these deflections (mm) and slopes; none where tissue is crushed.
+pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Load> {
+    let ends = Vector4::new(ends[0].x, ends[0].y, ends[1].x, ends[1].y);
+    let (mut force, mut stiffness) = (Vector4::zeros(), Matrix4::zeros());
+    for (at, weight) in GAUSS {
+        let (values, slopes) = cubics(length, at);
+        let here = reaction(bed, values.dot(&ends), slopes.dot(&ends))?;
+        let width = weight * length;
+        force += values * (width * here.force);
+        let change = values * (width * here.by_deflection) + slopes * (width * here.by_slope);
+        stiffness += values * change.transpose();
+    }
+    let block = |i: usize, j: usize| stiffness.fixed_view::<2, 2>(2 * i, 2 * j).into_owned();
+    Some(Load {
+        force: [
+            force.fixed_rows::<2>(0).into_owned(),
+            force.fixed_rows::<2>(2).into_owned(),
+        ],
+        stiffness: [[block(0, 0), block(0, 1)], [block(1, 0), block(1, 1)]],
+    })
+}

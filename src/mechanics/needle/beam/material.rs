@@ -1,0 +1,345 @@
+//! Hyperelastic, incompressible materials in compression (flexible needle bending model paper, equations 1 to 3 and 7 to 9).
+//!
+//! Every one of the models offered has a stress that is a sum of powers of the compression ratio, so that stress, tangent
+//! modulus and its rate come from one list of terms, exactly. With the principal stretches `l1`, `l2 = lambda`, `l3` and the free
+//! face along 3, a material `W(I1, I2)` has the true stress `2 (l2^2 - l3^2) (W_1 + l1^2 W_2)`; Ogden's has
+//! `(2 mu/alpha) (l2^alpha - l3^alpha)`.
+
+use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::needle::shaft::check;
+
+/// Largest modulus, kPa.
+const MAX_KPA: f64 = 1e12;
+/// Smallest and largest size of Ogden's exponent.
+const ALPHA: [f64; 2] = [1e-3, 1e3];
+
+/// What tissue is made of. Moduli in kPa; the shear modulus at rest is `mu`, or `2 (c10 + c01)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Material {
+    /// W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).
+    Ogden {
+        /// Shear modulus at rest, kPa (0 to 1e12).
+        mu_kpa: f64,
+        /// Exponent, of either sign (1e-3 to 1e3 in size).
+        alpha: f64,
+    },
+    /// W = (mu/2) (I1 - 3).
+    NeoHookean {
+        /// Shear modulus, kPa (0 to 1e12).
+        mu_kpa: f64,
+    },
+    /// W = c10 (I1 - 3) + c01 (I2 - 3).
+    MooneyRivlin {
+        /// kPa; `c10 + c01` is 0 to 1e12.
+        c10_kpa: f64,
+        /// kPa.
+        c01_kpa: f64,
+    },
+    /// W = c10 (I1 - 3) + c20 (I1 - 3)^2.
+    Yeoh {
+        /// kPa (0 to 1e12).
+        c10_kpa: f64,
+        /// kPa (0 to 1e12).
+        c20_kpa: f64,
+    },
+}
+
+/// How tissue is compressed, and which stress is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Compression {
+    /// Free to widen both ways; engineering stress (force by area at rest).
+    UEng,
+    /// Free to widen both ways; true stress (force by area as it is).
+    UTru,
+    /// Free to widen across the needle's depth only; true stress.
+    CTru,
+}
+
+impl Compression {
+    /// All of them.
+    pub const ALL: [Compression; 3] = [Compression::UEng, Compression::UTru, Compression::CTru];
+
+    /// As the paper writes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Compression::UEng => "UEng",
+            Compression::UTru => "UTru",
+            Compression::CTru => "CTru",
+        }
+    }
+}
+
+impl Material {
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`] with the key of the number.
+    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+        let modulus = |key, found: f64| check(key, found, (0.0..=MAX_KPA).contains(&found), "0 to 1e12 kPa");
+        match *self {
+            Material::Ogden { mu_kpa, alpha } => {
+                modulus("mu_kpa", mu_kpa)?;
+                let holds = (ALPHA[0]..=ALPHA[1]).contains(&alpha.abs());
+                check("alpha", alpha, holds, "-1000 to -0.001, or 0.001 to 1000")
+            }
+            Material::NeoHookean { mu_kpa } => modulus("mu_kpa", mu_kpa),
+            Material::MooneyRivlin { c10_kpa, c01_kpa } => {
+                check("c10_kpa", c10_kpa, c10_kpa.abs() <= MAX_KPA, "-1e12 to 1e12 kPa")?;
+                let holds = (0.0..=MAX_KPA).contains(&(c10_kpa + c01_kpa));
+                check(
+                    "c01_kpa",
+                    c01_kpa,
+                    holds,
+                    "such that c10_kpa + c01_kpa is 0 to 1e12 kPa",
+                )
+            }
+            Material::Yeoh { c10_kpa, c20_kpa } => {
+                modulus("c10_kpa", c10_kpa)?;
+                modulus("c20_kpa", c20_kpa)
+            }
+        }
+    }
+
+    /// The true stress as coefficients (kPa) and powers of the compression ratio, unconstrained or constrained.
+    fn true_stress(&self, constrained: bool) -> Vec<(f64, f64)> {
+        // What the free face contributes: l3 = lambda^-1/2, or lambda^-1.
+        let free = if constrained { -1.0 } else { -0.5 };
+        let ogden = |mu: f64, alpha: f64| vec![(2.0 * mu / alpha, alpha), (-2.0 * mu / alpha, free * alpha)];
+        match *self {
+            Material::Ogden { mu_kpa, alpha } => ogden(mu_kpa, alpha),
+            Material::NeoHookean { mu_kpa } => ogden(mu_kpa, 2.0),
+            // l1 = 1: both invariants do the same.
+            Material::MooneyRivlin { c10_kpa, c01_kpa } if constrained => ogden(2.0 * (c10_kpa + c01_kpa), 2.0),
+            Material::MooneyRivlin { c10_kpa: a, c01_kpa: b } => {
+                vec![(2.0 * a, 2.0), (-2.0 * a, -1.0), (2.0 * b, 1.0), (-2.0 * b, -2.0)]
+            }
+            // 2 (l^2 - l3^2) (c10 + 2 c20 (I1 - 3)), multiplied out.
+            Material::Yeoh { c10_kpa: a, c20_kpa: b } if constrained => {
+                let [a, b] = [2.0 * a, 4.0 * b];
+                vec![(a - 2.0 * b, 2.0), (2.0 * b - a, -2.0), (b, 4.0), (-b, -4.0)]
+            }
+            Material::Yeoh { c10_kpa: a, c20_kpa: b } => {
+                let [a, b] = [2.0 * a, 4.0 * b];
+                vec![
+                    (b, 4.0),
+                    (a - 3.0 * b, 2.0),
+                    (b, 1.0),
+                    (3.0 * b - a, -1.0),
+                    (-2.0 * b, -2.0),
+                ]
+            }
+        }
+    }
+}
+
+/// A material in compression: stress and its derivatives by the compression ratio.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Law {
+    /// Stress: coefficients, kPa, and powers.
+    terms: Vec<(f64, f64)>,
+}
+
+/// Stress and its derivatives at a compression ratio.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Response {
+    /// S, kPa; negative in compression.
+    pub stress_kpa: f64,
+    /// dS/d lambda, kPa: the tangent modulus.
+    pub tangent_kpa: f64,
+    /// d^2S/d lambda^2, kPa.
+    pub rate_kpa: f64,
+}
+
+impl Law {
+    /// The law of a material, whose numbers are taken as they are.
+    pub fn new(material: &Material, compression: Compression) -> Law {
+        let mut terms = material.true_stress(compression == Compression::CTru);
+        if compression == Compression::UEng {
+            // The area grows as the length shrinks: P = s/lambda.
+            terms.iter_mut().for_each(|term| term.1 -= 1.0);
+        }
+        Law { terms }
+    }
+
+    /// At a compression ratio (above 0; tissue may be stretched).
+    pub fn at(&self, ratio: f64) -> Response {
+        let (log, mut response) = (ratio.ln(), Response::default());
+        for &(coefficient, power) in &self.terms {
+            let stress = coefficient * (power * log).exp();
+            let tangent = power * stress / ratio;
+            response.stress_kpa += stress;
+            response.tangent_kpa += tangent;
+            response.rate_kpa += (power - 1.0) * tangent / ratio;
+        }
+        response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MATERIALS: [Material; 6] = [
+        Material::Ogden {
+            mu_kpa: 12.72,
+            alpha: -1.0,
+        },
+        Material::Ogden {
+            mu_kpa: 3.63,
+            alpha: 8.74,
+        },
+        Material::Ogden {
+            mu_kpa: 5.0,
+            alpha: -20.0,
+        },
+        Material::NeoHookean { mu_kpa: 7.0 },
+        Material::MooneyRivlin {
+            c10_kpa: 2.0,
+            c01_kpa: 1.5,
+        },
+        Material::Yeoh {
+            c10_kpa: 3.0,
+            c20_kpa: 0.8,
+        },
+    ];
+
+    /// Stress from the energy itself, by differences along the path that the constraint leaves.
+    #[test]
+    fn stress_is_the_slope_of_the_energy() {
+        for material in MATERIALS {
+            for compression in Compression::ALL {
+                let energy = |l: f64| {
+                    let stretches = match compression {
+                        Compression::CTru => [1.0, l, 1.0 / l],
+                        _ => [l.powf(-0.5), l, l.powf(-0.5)],
+                    };
+                    let sum = |power: f64| stretches.iter().map(|x| x.powf(power)).sum::<f64>() - 3.0;
+                    match material {
+                        Material::Ogden { mu_kpa, alpha } => 2.0 * mu_kpa / (alpha * alpha) * sum(alpha),
+                        Material::NeoHookean { mu_kpa } => mu_kpa / 2.0 * sum(2.0),
+                        // I2 of incompressible tissue is the sum of inverse squares.
+                        Material::MooneyRivlin { c10_kpa, c01_kpa } => c10_kpa * sum(2.0) + c01_kpa * sum(-2.0),
+                        Material::Yeoh { c10_kpa, c20_kpa } => c10_kpa * sum(2.0) + c20_kpa * sum(2.0).powi(2),
+                    }
+                };
+                let law = Law::new(&material, compression);
+                for ratio in [0.45, 0.8, 0.97, 1.2] {
+                    let step = 1e-5 * ratio;
+                    let engineering = (energy(ratio + step) - energy(ratio - step)) / (2.0 * step);
+                    let expected = match compression {
+                        Compression::UEng => engineering,
+                        _ => engineering * ratio,
+                    };
+                    // Differences of second order: (step^2/6) W''' is 1e-10 of W' / ratio^2 times a few powers of alpha.
+                    let found = law.at(ratio).stress_kpa;
+                    let near = 1e-6 * expected.abs();
+                    assert!(
+                        (found - expected).abs() < near,
+                        "{material:?} {compression:?} {ratio}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn moduli_are_the_slopes_of_stress() {
+        for material in MATERIALS {
+            for compression in Compression::ALL {
+                let law = Law::new(&material, compression);
+                for ratio in [0.3, 0.6, 0.9, 1.0] {
+                    let step = 1e-5 * ratio;
+                    let [more, less] = [law.at(ratio + step), law.at(ratio - step)];
+                    let here = law.at(ratio);
+                    let of = |part: fn(&Response) -> f64| (part(&more) - part(&less)) / (2.0 * step);
+                    // As above; rounding of differences adds 1e-11 of the largest term, which may cancel in the sum.
+                    for (found, expected) in [
+                        (here.tangent_kpa, of(|r| r.stress_kpa)),
+                        (here.rate_kpa, of(|r| r.tangent_kpa)),
+                    ] {
+                        let near = 1e-6 * found.abs() + 1e-7 * here.tangent_kpa.abs();
+                        assert!(
+                            (found - expected).abs() < near,
+                            "{material:?} {compression:?} {ratio}: {found} {expected}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    /// At rest 3 mu, or 4 mu where tissue cannot widen along the needle, whatever the material.
+    #[test]
+    fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
+        for material in MATERIALS {
+            let mu = match material {
+                Material::Ogden { mu_kpa, .. } | Material::NeoHookean { mu_kpa } => mu_kpa,
+                Material::MooneyRivlin { c10_kpa, c01_kpa } => 2.0 * (c10_kpa + c01_kpa),
+                Material::Yeoh { c10_kpa, .. } => 2.0 * c10_kpa,
+            };
+            for (compression, times) in Compression::ALL.into_iter().zip([3.0, 3.0, 4.0]) {
+                let at_rest = Law::new(&material, compression).at(1.0);
+                assert!(at_rest.stress_kpa.abs() < 1e-13 * mu, "{material:?}");
+                assert!(
+                    (at_rest.tangent_kpa - times * mu).abs() < 1e-13 * 100.0 * mu,
+                    "{material:?} {compression:?}"
+                );
+            }
+        }
+    }
+
+    /// The law as the paper's section III-A and the moduli at rest give it.
+    #[test]
+    fn ogden_is_as_published() {
+        let (mu, alpha, l) = (3.63, 8.74, 0.7f64);
+        let material = Material::Ogden { mu_kpa: mu, alpha };
+        let expected = [
+            2.0 * mu / alpha * (l.powf(alpha - 1.0) - l.powf(-alpha / 2.0 - 1.0)),
+            2.0 * mu / alpha * (l.powf(alpha) - l.powf(-alpha / 2.0)),
+            2.0 * mu / alpha * (l.powf(alpha) - l.powf(-alpha)),
+        ];
+        for (compression, expected) in Compression::ALL.into_iter().zip(expected) {
+            let found = Law::new(&material, compression).at(l).stress_kpa;
+            assert!((found - expected).abs() < 1e-13 * expected.abs(), "{compression:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        for (material, key) in [
+            (
+                Material::Ogden {
+                    mu_kpa: -1.0,
+                    alpha: 2.0,
+                },
+                "mu_kpa",
+            ),
+            (
+                Material::Ogden {
+                    mu_kpa: 1.0,
+                    alpha: 0.0,
+                },
+                "alpha",
+            ),
+            (
+                Material::MooneyRivlin {
+                    c10_kpa: 1.0,
+                    c01_kpa: -1.5,
+                },
+                "c01_kpa",
+            ),
+            (
+                Material::Yeoh {
+                    c10_kpa: 1.0,
+                    c20_kpa: f64::NAN,
+                },
+                "c20_kpa",
+            ),
+        ] {
+            assert_eq!(material.check().unwrap_err().key, key);
+        }
+        MATERIALS
+            .iter()
+            .for_each(|material| material.check().expect("a material"));
+    }
+}

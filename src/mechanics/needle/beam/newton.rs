@@ -1,0 +1,302 @@
+//! Newton's method on the beam: line search and load steps.
+
+use nalgebra::Vector2;
+
+use super::foundation::{self, Load};
+use super::problem::{Base, Bed, Division, Problem};
+use super::shape::Shape;
+use super::sweep::{self, Change, Element, Push, Sweep};
+use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::needle::shaft::check;
+
+/// Solved when what is out of balance at any element's ends is less than this share of the largest moment.
+pub const TOLERANCE: f64 = 1e-10;
+/// Solved too when corrections are less than this share of the deflections: rounding then allows no better balance.
+const ROUNDING: f64 = 1e-13;
+/// Newton steps of one load step.
+const STEPS: usize = 40;
+/// Shortest part of a Newton step, and of the base motion, that is tried.
+const SHORTEST: f64 = 1e-3;
+/// Largest displacement (mm) and slope of the base.
+const MAX_MOTION: f64 = 1e6;
+
+/// Why there is no solution.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum BeamError {
+    /// A number is out of its range.
+    #[error(transparent)]
+    Invalid(#[from] InvalidNeedleModel),
+    /// Nothing gives the needle a direction.
+    #[error(
+        "the base turns freely and no tissue holds the needle: found no stiff layer around it; \
+         expected one, or a prescribed slope of the base"
+    )]
+    Unheld,
+    /// Tissue is crushed between the needle and where it ends.
+    #[error(
+        "tissue is compressed to nothing {depth_mm} mm below the entry, at {share_percent} % of the base's motion: found a \
+         deflection of {deflection_mm} mm; expected less than the tissue's initial length, {initial_length_mm} mm"
+    )]
+    Crushed {
+        /// Where, mm from the entry.
+        depth_mm: f64,
+        /// Deflection there, mm.
+        deflection_mm: f64,
+        /// t0 there, mm.
+        initial_length_mm: f64,
+        /// How much of the base's motion was possible, percent.
+        share_percent: f64,
+    },
+    /// Newton's method found no balance.
+    #[error(
+        "no balance was found beyond {share_percent} % of the base's motion: found a residual of {residual:.1e} after \
+         {iterations} iterations; expected less than {TOLERANCE:.0e}"
+    )]
+    NotConverged {
+        /// Share of the base's motion up to which there was one, percent.
+        share_percent: f64,
+        /// Largest moment out of balance over the largest moment.
+        residual: f64,
+        /// Newton steps in all.
+        iterations: usize,
+    },
+}
+
+/// Where a trial broke off.
+#[derive(Clone, Copy, Debug)]
+struct Crush {
+    element: usize,
+}
+
+/// Base and angles of a beam, and what follows from them.
+#[derive(Clone, Debug, Default)]
+struct State {
+    angles: Vec<Vector2<f64>>,
+    nodes: Vec<Vector2<f64>>,
+    loads: Vec<Load>,
+}
+
+/// A needle in tissue, divided and ready to be moved. Solutions depend on the motion asked for alone; vectors are kept.
+#[derive(Clone, Debug)]
+pub struct FoundationBeam {
+    problem: Problem,
+    division: Division,
+    elements: Vec<Element>,
+    beds: Vec<Bed>,
+    held: bool,
+    state: State,
+    trial: State,
+    reached: State,
+    sweep: Sweep,
+    change: Change,
+    next: Change,
+}
+
+impl FoundationBeam {
+    /// Checks and divides a problem.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`] with the key of the number that is out of range.
+    pub fn new(problem: &Problem) -> Result<Self, InvalidNeedleModel> {
+        problem.layers.iter().try_for_each(|layer| layer.check())?;
+        problem.check()?;
+        let division = Division::new(problem);
+        let elements = (0..division.layers.len()).map(|at| Element {
+            length: division.length_mm(at),
+            bending: problem.bending_nmm2,
+        });
+        let beds: Vec<Bed> = problem.layers.iter().map(Bed::new).collect();
+        let stiff = |layer: &Option<usize>| layer.is_some_and(|layer| beds[layer].law.at(1.0).tangent_kpa > 0.0);
+        Ok(Self {
+            held: division.layers.iter().any(stiff),
+            elements: elements.collect(),
+            beds,
+            problem: problem.clone(),
+            division,
+            state: State::default(),
+            trial: State::default(),
+            reached: State::default(),
+            sweep: Sweep::default(),
+            change: Change::default(),
+            next: Change::default(),
+        })
+    }
+
+    /// The problem as given.
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
+    /// The shape of the needle when its base has been moved.
+    ///
+    /// # Errors
+    /// [`BeamError`].
+    pub fn solve(&mut self, base: &Base) -> Result<Shape, BeamError> {
+        let within = |key, x: f64| check(key, x, x.abs() <= MAX_MOTION, "-1e6 to 1e6");
+        within("displacement_mm", base.displacement_mm)?;
+        within("slope", base.slope.unwrap_or(0.0))?;
+        if base.slope.is_none() && !self.held {
+            return Err(BeamError::Unheld);
+        }
+        self.rest();
+        let (mut share, mut step, mut iterations) = (0.0, 1.0, 0);
+        while share < 1.0 {
+            let goal = if share + step >= 1.0 { 1.0 } else { share + step };
+            self.reached.clone_from(&self.state);
+            match self.reach(base, goal, &mut iterations) {
+                Ok(()) => {
+                    share = goal;
+                    step *= 2.0;
+                }
+                Err(crush) => {
+                    step /= 4.0;
+                    if step < SHORTEST {
+                        return Err(self.failed(crush, share, iterations));
+                    }
+                    self.state.clone_from(&self.reached);
+                }
+            }
+        }
+        Ok(self.shape(base, iterations))
+    }
+
+    fn rest(&mut self) {
+        let count = self.elements.len();
+        self.state.angles.clear();
+        self.state.angles.resize(count, Vector2::zeros());
+        self.state.nodes.clear();
+        self.state.nodes.push(Vector2::zeros());
+        // Tissue at rest is not crushed, and has no force.
+        let _ = follow(&self.division, &self.elements, &self.beds, &mut self.state);
+    }
+
+    /// Newton steps to a share of the base's motion.
+    fn reach(&mut self, base: &Base, share: f64, iterations: &mut usize) -> Result<(), Option<Crush>> {
+        let free = base.slope.is_none();
+        let goal = Vector2::new(base.displacement_mm, base.slope.unwrap_or(0.0)) * share;
+        for _ in 0..STEPS {
+            let mut by = goal - self.state.nodes[0];
+            if free {
+                by.y = 0.0;
+            }
+            let arrived = by == Vector2::zeros();
+            if arrived && *iterations > 0 && self.residual(free) <= TOLERANCE {
+                return Ok(());
+            }
+            *iterations += 1;
+            let State { loads, angles, .. } = &self.state;
+            let push = Push { by, free };
+            let solved = self.sweep.factor(&self.elements, loads).and_then(|()| {
+                let (sweep, change) = (&mut self.sweep, &mut self.change);
+                sweep.solve(&self.elements, loads, angles, &push, change)
+            });
+            solved.ok_or(None)?;
+            let extent = self
+                .state
+                .nodes
+                .iter()
+                .fold(0.0, |most: f64, node| most.max(node.x.abs()));
+            if arrived && self.change.largest <= ROUNDING * extent {
+                return Ok(());
+            }
+            self.search(&push, &goal)?;
+        }
+        Err(None)
+    }
+
+    /// Goes along a Newton step as far as it does good: the next step with the same stiffness must be shorter (the natural
+    /// monotonicity test; P. Deuflhard, "Newton Methods for Nonlinear Problems", section 3.3). Motion of the base that is left
+    /// counts as part of that step.
+    fn search(&mut self, push: &Push, goal: &Vector2<f64>) -> Result<(), Option<Crush>> {
+        let (mut part, mut crush) = (1.0, None);
+        while part >= SHORTEST {
+            self.trial.clone_from(&self.state);
+            let (state, change) = (&mut self.trial, &self.change);
+            state.nodes[0] += change.base * part;
+            if part == 1.0 {
+                state.nodes[0].x = goal.x;
+                state.nodes[0].y = if push.free { state.nodes[0].y } else { goal.y };
+            }
+            let changes = state.angles.iter_mut().zip(&change.angles);
+            changes.for_each(|(angles, by)| *angles += by * part);
+            match follow(&self.division, &self.elements, &self.beds, state) {
+                Err(found) => crush = Some(found),
+                Ok(()) => {
+                    crush = None;
+                    let push = Push {
+                        by: push.by * (1.0 - part),
+                        free: push.free,
+                    };
+                    let State { loads, angles, .. } = &self.trial;
+                    let next = &mut self.next;
+                    let solved = self.sweep.solve(&self.elements, loads, angles, &push, next);
+                    if solved.is_some() && next.largest <= (1.0 - part / 4.0) * self.change.largest {
+                        std::mem::swap(&mut self.state, &mut self.trial);
+                        return Ok(());
+                    }
+                }
+            }
+            part /= 2.0;
+        }
+        Err(crush)
+    }
+
+    /// Largest moment out of balance, as a share of the largest moment.
+    fn residual(&self, free: bool) -> f64 {
+        let (mut out, scale, base) = sweep::balance(&self.elements, &self.state.loads, &self.state.angles);
+        if free {
+            out = out.max(base.y.abs());
+        }
+        if out == 0.0 { 0.0 } else { out / scale }
+    }
+
+    fn failed(&self, crush: Option<Crush>, share: f64, iterations: usize) -> BeamError {
+        let share_percent = 100.0 * share;
+        let layer = crush.and_then(|crush| Some((crush.element, self.division.layers[crush.element]?)));
+        match layer {
+            Some((element, layer)) => BeamError::Crushed {
+                depth_mm: self.division.nodes[element],
+                deflection_mm: self.trial.nodes[element].x,
+                initial_length_mm: self.beds[layer].initial_length_mm,
+                share_percent,
+            },
+            None => BeamError::NotConverged {
+                share_percent,
+                residual: self.residual(false),
+                iterations,
+            },
+        }
+    }
+
+    fn shape(&self, base: &Base, iterations: usize) -> Shape {
+        let loads = (&self.state.loads, &self.state.angles);
+        let (_, _, hold) = sweep::balance(&self.elements, loads.0, loads.1);
+        let energy = self.elements.iter().zip(&self.state.angles);
+        let energy = energy.map(|(element, angles)| 0.5 * angles.dot(&element.moments(angles)));
+        Shape::new(
+            &self.division,
+            &self.beds,
+            &self.state.nodes,
+            [hold.x, hold.y, energy.sum()],
+            (self.residual(base.slope.is_none()), iterations),
+        )
+    }
+}
+
+/// Nodes and loads that follow from the base and the angles of a state.
+fn follow(division: &Division, elements: &[Element], beds: &[Bed], state: &mut State) -> Result<(), Crush> {
+    let mut near = state.nodes[0];
+    state.nodes.truncate(1);
+    state.loads.clear();
+    for (at, (element, angles)) in elements.iter().zip(&state.angles).enumerate() {
+        let far = element.far(&near, angles);
+        state.nodes.push(far);
+        let load = match division.layers[at] {
+            None => Load::NONE,
+            Some(layer) => foundation::load(&beds[layer], element.length, [near, far]).ok_or(Crush { element: at })?,
+        };
+        state.loads.push(load);
+        near = far;
+    }
+    Ok(())
+}

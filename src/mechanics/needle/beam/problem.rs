@@ -1,0 +1,221 @@
+//! A needle in layers of tissue, and how it is divided.
+
+use std::f64::consts::PI;
+
+use super::material::{Compression, Law, Material};
+use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::needle::shaft::check;
+
+/// Most elements of a needle.
+const MAX_ELEMENTS: f64 = 1e5;
+
+/// EI of a solid round rod, N mm^2, of Young's modulus (GPa) and diameter (mm).
+pub fn bending_stiffness_nmm2(young_gpa: f64, diameter_mm: f64) -> f64 {
+    1e3 * young_gpa * PI * diameter_mm.powi(4) / 64.0
+}
+
+/// A layer of tissue, of the whole depth between two planes across the needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// Depth, mm (above 0, at most 1e4).
+    pub thickness_mm: f64,
+    /// What it is made of.
+    pub material: Material,
+    /// How it is compressed.
+    pub compression: Compression,
+    /// Length of the tissue beside the needle before it is compressed, t0, mm (above 0). Infinite: the tissue stays linear.
+    pub initial_length_mm: f64,
+    /// Friction between needle and tissue, gamma (0 to 1).
+    pub friction: f64,
+}
+
+/// How the base is moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// Across the needle, mm.
+    pub displacement_mm: f64,
+    /// Slope du/dx; none if the base turns freely.
+    pub slope: Option<f64>,
+}
+
+/// A needle in tissue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// Bending stiffness EI, N mm^2 (1e-6 to 1e12; see [`bending_stiffness_nmm2`]).
+    pub bending_nmm2: f64,
+    /// From the base to the point of entry, mm (0 to 1e4).
+    pub control_distance_mm: f64,
+    /// How deep the tip is, mm (0 to the sum of the layers).
+    pub inserted_mm: f64,
+    /// From the entry on.
+    pub layers: Vec<Layer>,
+    /// Longest element, mm (above 0; the paper has 1).
+    pub element_mm: f64,
+}
+
+impl Layer {
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`] with the key of the number.
+    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+        let (thickness, length) = (self.thickness_mm, self.initial_length_mm);
+        let holds = thickness > 0.0 && thickness <= 1e4;
+        check("thickness_mm", thickness, holds, "above 0, at most 1e4 mm")?;
+        if length != f64::INFINITY {
+            check("initial_length_mm", length, length > 0.0, "above 0 mm, or inf")?;
+        }
+        let holds = (0.0..=1.0).contains(&self.friction);
+        check("friction", self.friction, holds, "0 to 1")?;
+        self.material.check()
+    }
+}
+
+impl Problem {
+    /// Checks the numbers that are not of a layer.
+    ///
+    /// # Errors
+    /// [`InvalidNeedleModel`] with the key of the number.
+    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+        let (stiffness, distance) = (self.bending_nmm2, self.control_distance_mm);
+        let holds = (1e-6..=1e12).contains(&stiffness);
+        check("bending_nmm2", stiffness, holds, "1e-6 to 1e12 N mm^2")?;
+        let holds = (0.0..=1e4).contains(&distance);
+        check("control_distance_mm", distance, holds, "0 to 1e4 mm")?;
+        let inserted = self.inserted_mm;
+        let sum: f64 = self.layers.iter().map(|layer| layer.thickness_mm).sum();
+        // Layers that a user adds up by hand may miss the sum by rounding.
+        let holds = (0.0..=sum * (1.0 + 1e-12)).contains(&inserted);
+        let expected = format!("0 to the sum of the layers, {sum} mm");
+        check("inserted_mm", inserted, holds, expected)?;
+        let element = self.element_mm;
+        let most = distance + inserted;
+        let holds = element > 0.0 && most / element + self.layers.len() as f64 <= MAX_ELEMENTS;
+        check(
+            "element_mm",
+            element,
+            holds,
+            format!("above 0, at most {MAX_ELEMENTS} elements"),
+        )
+    }
+}
+
+/// Elements from base to tip, with nodes at the entry and where layers meet.
+#[derive(Clone, Debug)]
+pub(super) struct Division {
+    /// Nodes, mm.
+    pub nodes: Vec<f64>,
+    /// The layer of each element, if it is in tissue.
+    pub layers: Vec<Option<usize>>,
+    /// The node at the entry.
+    pub entry: usize,
+}
+
+impl Division {
+    pub fn new(problem: &Problem) -> Self {
+        let mut division = Division {
+            nodes: vec![-problem.control_distance_mm],
+            layers: Vec::new(),
+            entry: 0,
+        };
+        division.add(0.0, None, problem.element_mm);
+        division.entry = division.layers.len();
+        let mut depth = 0.0;
+        for (at, layer) in problem.layers.iter().enumerate() {
+            depth += layer.thickness_mm;
+            let last = at + 1 == problem.layers.len();
+            let end = if last {
+                problem.inserted_mm
+            } else {
+                depth.min(problem.inserted_mm)
+            };
+            division.add(end, Some(at), problem.element_mm);
+        }
+        division
+    }
+
+    /// Elements of equal length from the last node to `end`; none if that is no way ahead.
+    fn add(&mut self, end: f64, layer: Option<usize>, element_mm: f64) {
+        let start = self.nodes[self.nodes.len() - 1];
+        let length = end - start;
+        if length <= 0.0 {
+            return;
+        }
+        // A length that is a multiple of the element but for rounding is not divided once more.
+        let count = (length / element_mm - 1e-9).ceil().max(1.0);
+        for part in 1..count as usize {
+            self.nodes.push(start + length * (part as f64 / count));
+        }
+        self.nodes.push(end);
+        self.layers.resize(self.nodes.len() - 1, layer);
+    }
+
+    pub fn length_mm(&self, element: usize) -> f64 {
+        self.nodes[element + 1] - self.nodes[element]
+    }
+}
+
+/// A layer ready to calculate with.
+#[derive(Clone, Debug)]
+pub(super) struct Bed {
+    pub law: Law,
+    pub initial_length_mm: f64,
+    pub friction: f64,
+}
+
+impl Bed {
+    pub fn new(layer: &Layer) -> Self {
+        Bed {
+            law: Law::new(&layer.material, layer.compression),
+            initial_length_mm: layer.initial_length_mm,
+            friction: layer.friction,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layer(thickness_mm: f64) -> Layer {
+        Layer {
+            thickness_mm,
+            material: Material::NeoHookean { mu_kpa: 5.0 },
+            compression: Compression::UEng,
+            initial_length_mm: 50.0,
+            friction: 0.0,
+        }
+    }
+
+    #[test]
+    fn nodes_lie_at_the_entry_and_where_layers_meet() {
+        let problem = Problem {
+            bending_nmm2: 1e4,
+            control_distance_mm: 4.0,
+            inserted_mm: 7.3,
+            layers: vec![layer(2.5), layer(0.3), layer(3.0), layer(5.0)],
+            element_mm: 1.0,
+        };
+        let division = Division::new(&problem);
+        assert_eq!(division.nodes[division.entry], 0.0);
+        assert_eq!(division.layers.len() + 1, division.nodes.len());
+        for depth in [-4.0, 2.5, 2.8, 5.8, 7.3] {
+            assert!(
+                division.nodes.iter().any(|node| (node - depth).abs() < 1e-12),
+                "{depth}"
+            );
+        }
+        assert!((0..division.layers.len()).all(|element| division.length_mm(element) <= 1.0 + 1e-9));
+        let of = |depth: f64| division.layers[division.nodes.partition_point(|node| *node <= depth) - 1];
+        assert_eq!(
+            [of(-1.0), of(1.0), of(2.6), of(4.0), of(7.0)],
+            [None, Some(0), Some(1), Some(2), Some(3)]
+        );
+    }
+
+    #[test]
+    fn a_steel_needle_is_as_stiff_as_its_paper_says() {
+        // 200 GPa, 1 mm: 200e3 N/mm^2 times pi/64 mm^4.
+        assert!((bending_stiffness_nmm2(200.0, 1.0) - 9817.477).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,161 @@
+//! What a solution tells.
+
+use nalgebra::{Vector2, Vector4};
+
+use super::foundation::{self, cubics};
+use super::problem::{Bed, Division};
+
+/// Halvings that find a zero of a cubic to the last bit.
+const HALVINGS: usize = 80;
+
+/// A node of the needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Along the undeflected needle, mm from the entry.
+    pub x_mm: f64,
+    /// Deflection, mm.
+    pub u_mm: f64,
+    /// du/dx.
+    pub slope: f64,
+    /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle back. Where
+    /// layers meet, that of the deeper one; 0 outside the tissue.
+    pub reaction_n_per_mm: f64,
+}
+
+/// A needle whose base has been moved. Between its points it is a cubic.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shape {
+    /// From base to tip.
+    pub points: Vec<Point>,
+    /// Force that holds the base, N, along the deflection.
+    pub base_force_n: f64,
+    /// Moment that holds it, N mm, the way in which the slope rises.
+    pub base_moment_nmm: f64,
+    /// Energy of bending, N mm.
+    pub bending_energy_nmm: f64,
+    /// Least compression ratio of the tissue, at the points; 1 without tissue.
+    pub least_ratio: f64,
+    /// Largest moment out of balance over the largest moment.
+    pub residual: f64,
+    /// Newton steps.
+    pub iterations: usize,
+    /// The point at the entry.
+    entry: usize,
+}
+
+impl Shape {
+    /// `sums` are force and moment at the base and the energy; `effort` residual and iterations.
+    pub(super) fn new(
+        division: &Division,
+        beds: &[Bed],
+        nodes: &[Vector2<f64>],
+        sums: [f64; 3],
+        effort: (f64, usize),
+    ) -> Self {
+        let mut least_ratio = 1.0f64;
+        let points = nodes.iter().enumerate().map(|(at, node)| {
+            let [before, after] = [at.checked_sub(1), Some(at)].map(|element| *division.layers.get(element?)?);
+            let bed = after.or(before).map(|layer| &beds[layer]);
+            let reaction = bed.and_then(|bed| {
+                least_ratio = least_ratio.min(foundation::ratio(bed, node.x));
+                foundation::reaction(bed, node.x, node.y)
+            });
+            Point {
+                x_mm: division.nodes[at],
+                u_mm: node.x,
+                slope: node.y,
+                reaction_n_per_mm: reaction.map_or(0.0, |reaction| reaction.force),
+            }
+        });
+        let points = points.collect();
+        Shape {
+            points,
+            base_force_n: sums[0],
+            base_moment_nmm: sums[1],
+            bending_energy_nmm: sums[2],
+            least_ratio,
+            residual: effort.0,
+            iterations: effort.1,
+            entry: division.entry,
+        }
+    }
+
+    /// Deflection of the tip, mm.
+    pub fn tip_mm(&self) -> f64 {
+        self.points.last().map_or(0.0, |point| point.u_mm)
+    }
+
+    /// The remote centre of motion: where the tangent at the base meets the undeflected needle, as a depth from the entry (mm,
+    /// negative before it). None for a base that has not turned.
+    pub fn rcm_mm(&self) -> Option<f64> {
+        let base = self.points.first()?;
+        let rcm = base.x_mm - base.u_mm / base.slope;
+        (base.slope != 0.0).then_some(rcm)
+    }
+
+    /// The centre of motion: the depth from the entry (mm) at which the needle first is where it was. None if it is so nowhere, or
+    /// everywhere.
+    pub fn com_mm(&self) -> Option<f64> {
+        let inside = &self.points[self.entry..];
+        if inside.iter().all(|point| point.u_mm == 0.0) {
+            return None;
+        }
+        if inside[0].u_mm == 0.0 {
+            return Some(inside[0].x_mm);
+        }
+        inside.windows(2).find_map(|pair| first_zero(&pair[0], &pair[1]))
+    }
+
+    /// Deflection (mm) and slope at a place (mm from the entry), between base and tip.
+    pub fn at(&self, x_mm: f64) -> [f64; 2] {
+        let last = self.points.len() - 1;
+        let after = self
+            .points
+            .partition_point(|point| point.x_mm <= x_mm)
+            .clamp(1.min(last), last);
+        match after.checked_sub(1) {
+            None => [self.points[0].u_mm, self.points[0].slope],
+            Some(before) => between(&self.points[before], &self.points[after], x_mm),
+        }
+    }
+}
+
+fn between(near: &Point, far: &Point, x_mm: f64) -> [f64; 2] {
+    let length = far.x_mm - near.x_mm;
+    let (values, slopes) = cubics(length, (x_mm - near.x_mm) / length);
+    let ends = Vector4::new(near.u_mm, near.slope, far.u_mm, far.slope);
+    [values.dot(&ends), slopes.dot(&ends)]
+}
+
+/// The first zero of an element, its near end left out.
+fn first_zero(near: &Point, far: &Point) -> Option<f64> {
+    let (from, length) = (near.x_mm, far.x_mm - near.x_mm);
+    // Between the extrema of the cubic it rises or falls: u' = slope + 2 b s + 3 c s^2 of the share s.
+    let chord = far.u_mm - near.u_mm;
+    let (a, end) = (near.slope * length, far.slope * length);
+    let (b, c) = (3.0 * chord - 2.0 * a - end, a + end - 2.0 * chord);
+    let root = (b * b - 3.0 * a * c).max(0.0).sqrt();
+    let mut places = [
+        0.0,
+        (-b - root) / (3.0 * c),
+        (-b + root) / (3.0 * c),
+        -a / (2.0 * b),
+        1.0,
+    ]
+    .map(|place| if (0.0..=1.0).contains(&place) { place } else { 1.0 });
+    places.sort_by(f64::total_cmp);
+    let at = |share: f64| between(near, far, from + share * length)[0];
+    let crossed = |pair: &&[f64]| pair[0] < pair[1] && (at(pair[1]) == 0.0 || at(pair[0]) * at(pair[1]) < 0.0);
+    let pair = places.windows(2).find(crossed)?;
+    let (mut low, mut high) = (pair[0], pair[1]);
+    let sign = at(low);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if at(middle) * sign > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(from + high * length)
+}

@@ -1,0 +1,176 @@
+//! The linear equations of a Newton step.
+//!
+//! Nodes have deflection and slope, q = (u, s). What an element is bent by are its slopes against its chord, a = (a1, a2) at
+//! its ends; with its length h the far node follows from the near one as `q2 = T q1 + G a`:
+//!
+//! ```text
+//! T = [1 h]   G = [-h 0]   bending moments  B a,  B = (E I/h) [4 2]
+//!     [0 1]       [-1 1]                                      [2 4]
+//! ```
+//!
+//! These are the Hermite elements, in variables that are small where bending is: the state of the beam is its base and `a`, to
+//! which corrections are added, so rounding does not grow with the cube of the number of elements, as it does where bending
+//! is a difference of deflections. Balance is `B a + G' p = 0` for each element, with `p` the force and the moment on its far
+//! node from everything beyond. From the tip to the base, `p` is written as a linear function of the change of the near node,
+//! element by element; from the base to the tip the changes follow. Nothing is subtracted that is larger than the result by
+//! more than the foundation's stiffness over that of an element, so weak tissue and free bases do no harm.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::foundation::Load;
+
+/// An element: its length and bending stiffness.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Element {
+    pub length: f64,
+    /// E I, N mm^2.
+    pub bending: f64,
+}
+
+impl Element {
+    fn bend(&self) -> Matrix2<f64> {
+        let unit = self.bending / self.length;
+        Matrix2::new(4.0 * unit, 2.0 * unit, 2.0 * unit, 4.0 * unit)
+    }
+
+    /// Moments at its ends, N mm.
+    pub fn moments(&self, angles: &Vector2<f64>) -> Vector2<f64> {
+        self.bend() * angles
+    }
+
+    fn carry(&self) -> Matrix2<f64> {
+        Matrix2::new(1.0, self.length, 0.0, 1.0)
+    }
+
+    fn swing(&self) -> Matrix2<f64> {
+        Matrix2::new(-self.length, 0.0, -1.0, 1.0)
+    }
+
+    /// The far node, from the near one.
+    pub fn far(&self, near: &Vector2<f64>, angles: &Vector2<f64>) -> Vector2<f64> {
+        let chord = near.y - angles.x;
+        Vector2::new(near.x + self.length * chord, chord + angles.y)
+    }
+
+    /// Force and moment on the far node, carried to the near one.
+    fn back(&self, far: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(far.x, far.y + self.length * far.x)
+    }
+
+    /// Moments by which force and moment on the far node bend it.
+    pub fn bent_by(&self, far: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(-self.length * far.x - far.y, far.y)
+    }
+}
+
+/// What one element contributes to the sweeps.
+#[derive(Clone, Copy, Debug)]
+struct Gain {
+    /// (B + G' P G)^-1.
+    yielding: Matrix2<f64>,
+    /// Its change of `a` by change of its near node, reversed.
+    follow: Matrix2<f64>,
+    /// Force and moment on its near node by its change of `a`.
+    feed: Matrix2<f64>,
+}
+
+/// The equations of one state, solved for any out-of-balance and any motion of the base.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sweep {
+    gains: Vec<Gain>,
+    /// Stiffness felt at the base.
+    base: Matrix2<f64>,
+    steps: Vec<Vector2<f64>>,
+}
+
+/// A change: of the base, and of the angles of each element.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Change {
+    pub base: Vector2<f64>,
+    pub angles: Vec<Vector2<f64>>,
+    /// Largest change of a deflection, mm.
+    pub largest: f64,
+}
+
+/// How the base is moved on: by so much, and whether its slope is free instead.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Push {
+    pub by: Vector2<f64>,
+    pub free: bool,
+}
+
+impl Sweep {
+    /// Takes the stiffness of all elements. None if they have no stable balance.
+    pub fn factor(&mut self, elements: &[Element], loads: &[Load]) -> Option<()> {
+        self.gains.clear();
+        let mut beyond = Matrix2::zeros();
+        for (element, load) in elements.iter().zip(loads).rev() {
+            let [[near, mixed], [back, far]] = load.stiffness;
+            let (carry, swing) = (element.carry(), element.swing());
+            let whole = beyond + far;
+            let inner = element.bend() + swing.transpose() * whole * swing;
+            let yielding = inner
+                .try_inverse()
+                .filter(|inverse| inverse.iter().all(|x| x.is_finite()))?;
+            let reach = whole * carry + back;
+            let follow = yielding * swing.transpose() * reach;
+            let feed = mixed * swing + carry.transpose() * whole * swing;
+            beyond = near + mixed * carry + carry.transpose() * reach - feed * follow;
+            self.gains.push(Gain { yielding, follow, feed });
+        }
+        self.gains.reverse();
+        self.base = beyond;
+        beyond.iter().all(|x| x.is_finite()).then_some(())
+    }
+
+    /// The change that balances the state with these angles and loads, with the stiffness taken before. None if the base cannot
+    /// find its slope.
+    pub fn solve(
+        &mut self,
+        elements: &[Element],
+        loads: &[Load],
+        angles: &[Vector2<f64>],
+        push: &Push,
+        change: &mut Change,
+    ) -> Option<()> {
+        let mut beyond = Vector2::zeros();
+        self.steps.clear();
+        let all = elements.iter().zip(loads).zip(angles).zip(&self.gains).rev();
+        for (((element, load), angles), gain) in all {
+            let far = beyond + load.force[1];
+            let step = gain.yielding * (element.moments(angles) + element.bent_by(&far));
+            self.steps.push(step);
+            beyond = load.force[0] + element.back(&far) - gain.feed * step;
+        }
+        let mut node = push.by;
+        if push.free {
+            node.y = -(beyond.y + self.base[(1, 0)] * node.x) / self.base[(1, 1)];
+        }
+        if !node.y.is_finite() {
+            return None;
+        }
+        change.base = node;
+        change.angles.clear();
+        change.largest = node.x.abs();
+        for ((element, gain), step) in elements.iter().zip(&self.gains).zip(self.steps.iter().rev()) {
+            let angles = -step - gain.follow * node;
+            node = element.far(&node, &angles);
+            change.angles.push(angles);
+            change.largest = change.largest.max(node.x.abs());
+        }
+        change.largest.is_finite().then_some(())
+    }
+}
+
+/// What is out of balance: the largest moment, and the largest that is in it; N mm. And force and moment that tissue has on the base.
+pub(super) fn balance(elements: &[Element], loads: &[Load], angles: &[Vector2<f64>]) -> (f64, f64, Vector2<f64>) {
+    let (mut out, mut scale, mut beyond) = (0.0f64, 0.0f64, Vector2::zeros());
+    for ((element, load), angles) in elements.iter().zip(loads).zip(angles).rev() {
+        let far = beyond + load.force[1];
+        let (bent, by) = (element.moments(angles), element.bent_by(&far));
+        out = out.max((bent + by).amax());
+        scale = scale.max(bent.amax()).max(by.amax());
+        beyond = load.force[0] + element.back(&far);
+    }
+    (out, scale, beyond)
+}

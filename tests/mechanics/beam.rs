@@ -1,0 +1,8 @@
+//! The needle as a beam in tissue, against closed forms, another method and published figures.
+
+mod case;
+mod energy;
+mod hard;
+mod large;
+mod published;
+mod winkler;

@@ -1,0 +1,69 @@
+//! Needles in tissue that several tests share.
+
+use insonify::mechanics::needle::beam::{
+    Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+};
+
+/// The paper's phantom and its compression model.
+pub const PVC: (Material, Compression) = (
+    Material::Ogden {
+        mu_kpa: 12.72,
+        alpha: -1.0,
+    },
+    Compression::UEng,
+);
+
+/// The paper's porcine muscle and its compression model.
+pub const PSM: (Material, Compression) = (
+    Material::Ogden {
+        mu_kpa: 3.63,
+        alpha: 8.74,
+    },
+    Compression::UTru,
+);
+
+pub fn layer((material, compression): (Material, Compression), thickness_mm: f64) -> Layer {
+    Layer {
+        thickness_mm,
+        material,
+        compression,
+        initial_length_mm: 50.0,
+        friction: 0.0,
+    }
+}
+
+/// The paper's needle, steel of 1 mm, in these layers to their full depth, with elements of 1 mm.
+pub fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
+    Problem {
+        bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),
+        control_distance_mm,
+        inserted_mm: layers.iter().map(|layer| layer.thickness_mm).sum(),
+        layers,
+        element_mm: 1.0,
+    }
+}
+
+pub fn base(displacement_mm: f64, slope: f64) -> Base {
+    Base {
+        displacement_mm,
+        slope: Some(slope),
+    }
+}
+
+pub fn free(displacement_mm: f64) -> Base {
+    Base {
+        displacement_mm,
+        slope: None,
+    }
+}
+
+pub fn solve(problem: &Problem, base: &Base) -> Shape {
+    let mut beam = FoundationBeam::new(problem).expect("a problem");
+    beam.solve(base).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Largest distance between the points of a shape and a deflection (mm).
+pub fn distance(shape: &Shape, exact: impl Fn(f64) -> f64) -> f64 {
+    let away = |point: &insonify::mechanics::needle::beam::Point| (point.u_mm - exact(point.x_mm)).abs();
+    shape.points.iter().map(away).fold(0.0, f64::max)
+}
