@@ -3,6 +3,7 @@
 mod case;
 mod energy;
 mod hard;
+mod inverse;
 mod large;
 mod published;
 mod winkler;

@@ -24,9 +24,9 @@
 //! | [`inverse`] | the base motion for a wanted tip or a wanted centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
-//pub mod fit;
+pub mod fit;
 mod foundation;
-//pub mod inverse;
+pub mod inverse;
 pub mod material;
 mod newton;
 pub mod problem;

@@ -1,0 +1,418 @@
+//! Materials from measured stretch and stress, by least squares (flexible needle bending model paper, section III-A).
+//!
+//! Stress is linear in all parameters but Ogden's exponent, which is sought on a line: each exponent has its best modulus. Where
+//! models that fit alike part beyond the data, none of them should be trusted there: the paper turns one down for that.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::material::{ALPHA, Compression, Law, Material};
+
+/// Stress of a model counts as parted from the others from this share on.
+pub const PARTED: f64 = 0.1;
+/// Lowest compression ratio that is looked at.
+const LOWEST: f64 = 0.05;
+/// Steps in which it is approached.
+const STEP: f64 = 0.01;
+/// Exponents of Ogden's material that are tried, and how far apart they are at first.
+const EXPONENTS: f64 = 60.0;
+const APART: f64 = 0.25;
+
+/// A measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Length over length at rest, above 0; below 1 in compression.
+    pub stretch: f64,
+    /// Stress, kPa; negative in compression.
+    pub stress_kpa: f64,
+}
+
+/// A material that fits best among those of its model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fitted {
+    /// The material.
+    pub material: Material,
+    /// Coefficient of determination: 1 of a perfect fit.
+    pub r_squared: f64,
+    /// Root mean square of what is left, kPa.
+    pub rms_kpa: f64,
+}
+
+/// Where a model leaves the others, in compression beyond the data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parting {
+    /// Its model.
+    pub model: &'static str,
+    /// Highest stretch below the data at which its stress is [`PARTED`] off the median of all models.
+    pub stretch: f64,
+}
+
+/// All models fitted to the same data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// The stress that was measured.
+    pub compression: Compression,
+    /// Least and largest stretch of the data.
+    pub range: [f64; 2],
+    /// One a model, in the order neo-hookean, mooney-rivlin, yeoh, ogden.
+    pub models: Vec<Fitted>,
+    /// Models that leave the others.
+    pub partings: Vec<Parting>,
+}
+
+/// Why data cannot be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// Too few of them.
+    #[error("found {found} points at different stretches other than 1; expected at least 3")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+    },
+    /// A number that is no stretch or no stress.
+    #[error("found stretch {stretch} with stress {stress_kpa} kPa; expected finite numbers, the stretch above 0")]
+    Number {
+        /// As given.
+        stretch: f64,
+        /// As given.
+        stress_kpa: f64,
+    },
+    /// Stress of the other sign.
+    #[error(
+        "stress has the wrong sign: found {stress_kpa} kPa at stretch {stretch}; expected negative stress where stretch is below 1"
+    )]
+    Sign {
+        /// Of the point farthest from rest.
+        stretch: f64,
+        /// There.
+        stress_kpa: f64,
+    },
+}
+
+impl Fit {
+    /// Fits every model to samples of a stress.
+    ///
+    /// # Errors
+    /// [`FitError`].
+    pub fn new(samples: &[Sample], compression: Compression) -> Result<Fit, FitError> {
+        check(samples)?;
+        let law = |material| Law::new(&material, compression);
+        let unit = |c10_kpa, c01_kpa| Material::MooneyRivlin { c10_kpa, c01_kpa };
+        let yeoh = |c10_kpa, c20_kpa| Material::Yeoh { c10_kpa, c20_kpa };
+        let [mu_kpa] = single(samples, &law(Material::NeoHookean { mu_kpa: 1.0 }));
+        let mut materials = vec![Material::NeoHookean { mu_kpa }];
+        // Tissue that cannot widen along the needle does not tell the two invariants apart.
+        materials.push(match compression {
+            Compression::CTru => unit(single(samples, &law(unit(1.0, 0.0)))[0], 0.0),
+            _ => {
+                let [a, b] = double(samples, [&law(unit(1.0, 0.0)), &law(unit(0.0, 1.0))]);
+                unit(a, b)
+            }
+        });
+        let [a, b] = double(samples, [&law(yeoh(1.0, 0.0)), &law(yeoh(0.0, 1.0))]);
+        materials.push(yeoh(a, b));
+        materials.push(ogden(samples, compression));
+        let models: Vec<Fitted> = materials
+            .into_iter()
+            .map(|material| judged(samples, material, compression))
+            .collect();
+        let stretches = samples.iter().map(|sample| sample.stretch);
+        let range = stretches.fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], x| {
+            [low.min(x), high.max(x)]
+        });
+        let partings = partings(&models, compression, range[0].min(1.0));
+        Ok(Fit {
+            compression,
+            range,
+            models,
+            partings,
+        })
+    }
+}
+
+fn check(samples: &[Sample]) -> Result<(), FitError> {
+    for &Sample { stretch, stress_kpa } in samples {
+        if !(stretch > 0.0 && stretch.is_finite() && stress_kpa.is_finite()) {
+            return Err(FitError::Number { stretch, stress_kpa });
+        }
+    }
+    let mut stretches: Vec<f64> = samples
+        .iter()
+        .map(|sample| sample.stretch)
+        .filter(|x| *x != 1.0)
+        .collect();
+    stretches.sort_by(f64::total_cmp);
+    stretches.dedup();
+    if stretches.len() < 3 {
+        return Err(FitError::TooFew { found: stretches.len() });
+    }
+    let work: f64 = samples
+        .iter()
+        .map(|sample| (sample.stretch - 1.0) * sample.stress_kpa)
+        .sum();
+    let away = |sample: &&Sample| (sample.stretch - 1.0).abs();
+    match samples.iter().max_by(|a, b| away(a).total_cmp(&away(b))) {
+        Some(&Sample { stretch, stress_kpa }) if work <= 0.0 => Err(FitError::Sign { stretch, stress_kpa }),
+        _ => Ok(()),
+    }
+}
+
+/// The factor of a law that fits best.
+fn single(samples: &[Sample], law: &Law) -> [f64; 1] {
+    let (mut along, mut square) = (0.0, 0.0);
+    for sample in samples {
+        let stress = law.at(sample.stretch).stress_kpa;
+        along += stress * sample.stress_kpa;
+        square += stress * stress;
+    }
+    [along / square]
+}
+
+/// The factors of two laws whose sum fits best.
+fn double(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
+    let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    for sample in samples {
+        let stress = Vector2::from(laws.map(|law| law.at(sample.stretch).stress_kpa));
+        matrix += stress * stress.transpose();
+        right += stress * sample.stress_kpa;
+    }
+    // Laws may differ in size by orders of magnitude.
+    let scale = matrix.diagonal().map(|x| 1.0 / x.sqrt());
+    let matrix = Matrix2::from_diagonal(&scale) * matrix * Matrix2::from_diagonal(&scale);
+    match matrix.lu().solve(&right.component_mul(&scale)) {
+        Some(factors) => factors.component_mul(&scale).into(),
+        None => [single(samples, laws[0])[0], 0.0],
+    }
+}
+
+fn ogden(samples: &[Sample], compression: Compression) -> Material {
+    let best = |alpha: f64| {
+        let unit = Material::Ogden { mu_kpa: 1.0, alpha };
+        let [mu_kpa] = single(samples, &Law::new(&unit, compression));
+        Material::Ogden { mu_kpa, alpha }
+    };
+    let left = |alpha: f64| {
+        let left = remainder(samples, &best(alpha), compression);
+        if left.is_finite() { left } else { f64::INFINITY }
+    };
+    // Exponents around 0 are none, though those on either side of it are much alike.
+    let usable = |alpha: f64| if alpha.abs() < ALPHA[0] { ALPHA[0] } else { alpha };
+    let count = (2.0 * EXPONENTS / APART) as usize;
+    let exponents = (0..=count).map(|at| usable(-EXPONENTS + APART * at as f64));
+    let start = exponents.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(1.0);
+    // The golden section.
+    let (mut low, mut high) = (start - APART, start + APART);
+    let golden = 0.5 * (5.0f64.sqrt() - 1.0);
+    while high - low > 1e-9 * (1.0 + start.abs()) {
+        let [a, b] = [high - golden * (high - low), low + golden * (high - low)];
+        if left(usable(a)) < left(usable(b)) {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    best(usable(0.5 * (low + high)))
+}
+
+/// Sum of squares of what a material leaves, kPa^2.
+fn remainder(samples: &[Sample], material: &Material, compression: Compression) -> f64 {
+    let law = Law::new(material, compression);
+    let square = |sample: &Sample| (law.at(sample.stretch).stress_kpa - sample.stress_kpa).powi(2);
+    samples.iter().map(square).sum()
+}
+
+fn judged(samples: &[Sample], material: Material, compression: Compression) -> Fitted {
+    let count = samples.len() as f64;
+    let mean = samples.iter().map(|sample| sample.stress_kpa).sum::<f64>() / count;
+    let spread: f64 = samples.iter().map(|sample| (sample.stress_kpa - mean).powi(2)).sum();
+    let left = remainder(samples, &material, compression);
+    Fitted {
+        material,
+        r_squared: 1.0 - left / spread,
+        rms_kpa: (left / count).sqrt(),
+    }
+}
+
+fn partings(models: &[Fitted], compression: Compression, from: f64) -> Vec<Parting> {
+    let laws: Vec<Law> = models
+        .iter()
+        .map(|model| Law::new(&model.material, compression))
+        .collect();
+    let mut parted = vec![None; models.len()];
+    let steps = ((from - LOWEST) / STEP).max(0.0) as usize;
+    for stretch in (0..=steps).map(|at| from - STEP * at as f64) {
+        let stresses: Vec<f64> = laws.iter().map(|law| law.at(stretch).stress_kpa).collect();
+        let mut sorted = stresses.clone();
+        sorted.sort_by(f64::total_cmp);
+        let half = sorted.len() / 2;
+        let median = 0.5 * (sorted[half] + sorted[(sorted.len() - 1) / 2]);
+        for (parted, stress) in parted.iter_mut().zip(&stresses) {
+            if parted.is_none() && (stress - median).abs() > PARTED * median.abs() {
+                *parted = Some(stretch);
+            }
+        }
+    }
+    let all = models.iter().zip(parted);
+    all.filter_map(|(model, stretch)| {
+        Some(Parting {
+            model: model.material.model(),
+            stretch: stretch?,
+        })
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn samples(material: Material, compression: Compression, lowest: f64) -> Vec<Sample> {
+        let law = Law::new(&material, compression);
+        let stretch = |at: i32| lowest + (1.0 - lowest) * f64::from(at) / 20.0;
+        (0..=20)
+            .map(|at| Sample {
+                stretch: stretch(at),
+                stress_kpa: law.at(stretch(at)).stress_kpa,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_made_the_data_is_found() {
+        let materials = [
+            Material::NeoHookean { mu_kpa: 9.0 },
+            Material::MooneyRivlin {
+                c10_kpa: 4.0,
+                c01_kpa: 2.5,
+            },
+            Material::Yeoh {
+                c10_kpa: 3.0,
+                c20_kpa: 1.2,
+            },
+            Material::Ogden {
+                mu_kpa: 12.72,
+                alpha: -1.0,
+            },
+            Material::Ogden {
+                mu_kpa: 3.63,
+                alpha: 8.74,
+            },
+        ];
+        for material in materials {
+            for compression in [Compression::UEng, Compression::UTru] {
+                let fit = Fit::new(&samples(material, compression, 0.5), compression).expect("a fit");
+                let found = fit
+                    .models
+                    .iter()
+                    .find(|model| model.material.model() == material.model());
+                let found = found.expect("its model");
+                assert!(found.r_squared > 1.0 - 1e-12, "{found:?}");
+                let pairs = material.parameters().into_iter().zip(found.material.parameters());
+                for ((key, expected), (_, found)) in pairs {
+                    // The golden section ends at 1e-9; the sum of squares is flat there to the root of rounding, 1e-8.
+                    assert!(
+                        (found - expected).abs() < 1e-5 * expected.abs(),
+                        "{key}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    /// Least squares: no parameter moved a little fits better.
+    #[test]
+    fn fits_are_the_best_of_their_model() {
+        let mut data = samples(
+            Material::Ogden {
+                mu_kpa: 5.0,
+                alpha: 6.0,
+            },
+            Compression::UTru,
+            0.6,
+        );
+        for (at, sample) in data.iter_mut().enumerate() {
+            sample.stress_kpa *= 1.0 + 0.05 * (at as f64 * 2.3).sin();
+        }
+        let fit = Fit::new(&data, Compression::UTru).expect("a fit");
+        for model in &fit.models {
+            let best = remainder(&data, &model.material, Compression::UTru);
+            assert!(model.r_squared > 0.9 && model.r_squared < 1.0);
+            for by in [0.999, 1.001] {
+                let others = match model.material {
+                    Material::NeoHookean { mu_kpa } => vec![Material::NeoHookean { mu_kpa: by * mu_kpa }],
+                    Material::Ogden { mu_kpa, alpha } => vec![
+                        Material::Ogden {
+                            mu_kpa: by * mu_kpa,
+                            alpha,
+                        },
+                        Material::Ogden {
+                            mu_kpa,
+                            alpha: by * alpha,
+                        },
+                    ],
+                    Material::MooneyRivlin { c10_kpa, c01_kpa } => vec![
+                        Material::MooneyRivlin {
+                            c10_kpa: by * c10_kpa,
+                            c01_kpa,
+                        },
+                        Material::MooneyRivlin {
+                            c10_kpa,
+                            c01_kpa: by * c01_kpa,
+                        },
+                    ],
+                    Material::Yeoh { c10_kpa, c20_kpa } => vec![
+                        Material::Yeoh {
+                            c10_kpa: by * c10_kpa,
+                            c20_kpa,
+                        },
+                        Material::Yeoh {
+                            c10_kpa,
+                            c20_kpa: by * c20_kpa,
+                        },
+                    ],
+                };
+                for other in others {
+                    assert!(remainder(&data, &other, Compression::UTru) > best, "{other:?}");
+                }
+            }
+        }
+    }
+
+    /// As in the paper: of data from a phantom down to 0.8, Neo-Hooke's model leaves the others first.
+    #[test]
+    fn models_that_part_beyond_the_data_are_named() {
+        let phantom = Material::Ogden {
+            mu_kpa: 12.72,
+            alpha: -1.0,
+        };
+        let fit = Fit::new(&samples(phantom, Compression::UEng, 0.8), Compression::UEng).expect("a fit");
+        assert!(fit.models.iter().all(|model| model.r_squared > 0.99), "{fit:?}");
+        let stretch = |model| {
+            fit.partings
+                .iter()
+                .find(|parting| parting.model == model)
+                .map(|p| p.stretch)
+        };
+        let of_neo_hooke = stretch("neo-hookean").expect("it parts");
+        assert!(of_neo_hooke < 0.8, "{of_neo_hooke}");
+        for model in ["mooney-rivlin", "yeoh", "ogden"] {
+            assert!(stretch(model).unwrap_or(0.0) < of_neo_hooke, "{fit:?}");
+        }
+    }
+
+    #[test]
+    fn data_that_say_nothing_are_refused() {
+        let sample = |stretch, stress_kpa| Sample { stretch, stress_kpa };
+        let fit = |samples: &[Sample]| Fit::new(samples, Compression::UEng).expect_err("refused");
+        let few = [
+            sample(1.0, 0.0),
+            sample(0.9, -1.0),
+            sample(0.9, -1.1),
+            sample(0.8, -2.0),
+        ];
+        assert_eq!(fit(&few), FitError::TooFew { found: 2 });
+        let bad = [sample(0.9, -1.0), sample(-0.8, -2.0), sample(0.7, -3.0)];
+        assert!(matches!(fit(&bad), FitError::Number { stretch: -0.8, .. }));
+        let positive = [sample(0.9, 1.0), sample(0.8, 2.0), sample(0.7, 3.0)];
+        assert!(matches!(fit(&positive), FitError::Sign { stretch: 0.7, .. }));
+    }
+}

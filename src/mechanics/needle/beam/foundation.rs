@@ -8,7 +8,7 @@ use super::problem::Bed;
 const NMM2_PER_KPA: f64 = 1e-3;
 
 /// Tissue compressed to less than this share of its length counts as crushed.
-pub(super) const CRUSHED: f64 = 1e-9;
+const CRUSHED: f64 = 1e-9;
 
 /// Points and weights of the Gauss rule on 0 to 1, exact to degree 7: the product of two cubics is integrated exactly.
 const GAUSS: [(f64, f64); 4] = [
@@ -33,11 +33,15 @@ pub(super) fn ratio(bed: &Bed, u: f64) -> f64 {
     1.0 - u.abs() / bed.initial_length_mm
 }
 
+/// Whether tissue of a compression ratio is not crushed. Not so if the ratio is no number.
+fn is_whole(ratio: f64) -> bool {
+    ratio > CRUSHED
+}
+
 /// The reaction at a point; none where tissue is crushed or forces leave all bounds.
 pub(super) fn reaction(bed: &Bed, u: f64, slope: f64) -> Option<Reaction> {
     let ratio = ratio(bed, u);
-    // Also if the deflection is no number.
-    if ratio.partial_cmp(&CRUSHED) != Some(std::cmp::Ordering::Greater) {
+    if !is_whole(ratio) {
         return None;
     }
     let response = bed.law.at(ratio);
@@ -85,6 +89,10 @@ pub(super) fn cubics(length: f64, at: f64) -> (Vector4<f64>, Vector4<f64>) {
 
 /// The load on an element of a length (mm) whose nodes have these deflections (mm) and slopes; none where tissue is crushed.
 pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Load> {
+    // Points of the rule lie within the element.
+    if !ends.iter().all(|end| is_whole(ratio(bed, end.x))) {
+        return None;
+    }
     let ends = Vector4::new(ends[0].x, ends[0].y, ends[1].x, ends[1].y);
     let (mut force, mut stiffness) = (Vector4::zeros(), Matrix4::zeros());
     for (at, weight) in GAUSS {

@@ -11,7 +11,7 @@ use crate::mechanics::needle::shaft::check;
 /// Largest modulus, kPa.
 const MAX_KPA: f64 = 1e12;
 /// Smallest and largest size of Ogden's exponent.
-const ALPHA: [f64; 2] = [1e-3, 1e3];
+pub(super) const ALPHA: [f64; 2] = [1e-3, 1e3];
 
 /// What tissue is made of. Moduli in kPa; the shear modulus at rest is `mu`, or `2 (c10 + c01)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub enum Material {
     Yeoh {
         /// kPa (0 to 1e12).
         c10_kpa: f64,
-        /// kPa (0 to 1e12).
+        /// kPa (-1e12 to 1e12).
         c20_kpa: f64,
     },
 }
@@ -95,8 +95,28 @@ impl Material {
             }
             Material::Yeoh { c10_kpa, c20_kpa } => {
                 modulus("c10_kpa", c10_kpa)?;
-                modulus("c20_kpa", c20_kpa)
+                check("c20_kpa", c20_kpa, c20_kpa.abs() <= MAX_KPA, "-1e12 to 1e12 kPa")
             }
+        }
+    }
+
+    /// Its model, as case files write it.
+    pub fn model(&self) -> &'static str {
+        match self {
+            Material::Ogden { .. } => "ogden",
+            Material::NeoHookean { .. } => "neo-hookean",
+            Material::MooneyRivlin { .. } => "mooney-rivlin",
+            Material::Yeoh { .. } => "yeoh",
+        }
+    }
+
+    /// Its numbers with their keys, as case files write them.
+    pub fn parameters(&self) -> Vec<(&'static str, f64)> {
+        match *self {
+            Material::Ogden { mu_kpa, alpha } => vec![("mu_kpa", mu_kpa), ("alpha", alpha)],
+            Material::NeoHookean { mu_kpa } => vec![("mu_kpa", mu_kpa)],
+            Material::MooneyRivlin { c10_kpa, c01_kpa } => vec![("c10_kpa", c10_kpa), ("c01_kpa", c01_kpa)],
+            Material::Yeoh { c10_kpa, c20_kpa } => vec![("c10_kpa", c10_kpa), ("c20_kpa", c20_kpa)],
         }
     }
 

@@ -114,7 +114,8 @@ pub(super) struct Division {
 impl Division {
     pub fn new(problem: &Problem) -> Self {
         let mut division = Division {
-            nodes: vec![-problem.control_distance_mm],
+            // Not a negative zero.
+            nodes: vec![0.0 - problem.control_distance_mm],
             layers: Vec::new(),
             entry: 0,
         };

@@ -8,6 +8,9 @@ use super::problem::{Bed, Division};
 /// Halvings that find a zero of a cubic to the last bit.
 const HALVINGS: usize = 80;
 
+/// A deflection at the entry of less than this share of the largest is none: the needle pivots there.
+const NOTHING: f64 = 1e-9;
+
 /// A node of the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
@@ -100,8 +103,9 @@ impl Shape {
         if inside.iter().all(|point| point.u_mm == 0.0) {
             return None;
         }
-        if inside[0].u_mm == 0.0 {
-            return Some(inside[0].x_mm);
+        let largest = self.points.iter().fold(0.0, |most: f64, point| most.max(point.u_mm.abs()));
+        if inside[0].u_mm.abs() <= NOTHING * largest {
+            return Some(0.0);
         }
         inside.windows(2).find_map(|pair| first_zero(&pair[0], &pair[1]))
     }
