@@ -137,3 +137,19 @@ fn layers_with_friction_agree_with_another_method() {
     let tips = [&needle, &smooth].map(|problem| solve(problem, &base(15.0, -0.4)).tip_mm());
     assert!((tips[0] - tips[1]).abs() > 1e-2, "{tips:?}");
 }
+
+/// Newton's method doubles the digits at every step once it is near: a handful of steps, and a balance to rounding.
+#[test]
+fn few_steps_lead_to_a_balance() {
+    for tissue in [PVC, PSM, (PSM.0, Compression::CTru)] {
+        let mut layer = layer(tissue, 60.0);
+        (layer.friction, layer.initial_length_mm) = (0.5, 20.0);
+        let shape = solve(&problem(20.0, vec![layer]), &base(15.0, -0.2));
+        assert!(
+            shape.iterations <= 8 && shape.residual < 1e-10,
+            "{} {}",
+            shape.iterations,
+            shape.residual
+        );
+    }
+}

@@ -112,3 +112,56 @@ pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Lo
         stiffness: [[block(0, 0), block(0, 1)], [block(1, 0), block(1, 1)]],
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanics::needle::beam::material::{Compression, Law, Material};
+
+    fn bed() -> Bed {
+        let material = Material::Ogden {
+            mu_kpa: 3.63,
+            alpha: 8.74,
+        };
+        Bed {
+            law: Law::new(&material, Compression::CTru),
+            initial_length_mm: 20.0,
+            friction: 0.7,
+        }
+    }
+
+    #[test]
+    fn stiffness_is_the_slope_of_the_load() {
+        let (bed, length) = (bed(), 1.3);
+        for ends in [[9.0, -0.4, 8.4, -0.5], [-12.0, 0.3, -11.5, 0.35]] {
+            let at = |ends: &[f64; 4]| {
+                let [a, b, c, d] = *ends;
+                load(&bed, length, [Vector2::new(a, b), Vector2::new(c, d)]).expect("a load")
+            };
+            let here = at(&ends);
+            for j in 0..4 {
+                let step = 1e-6;
+                let [mut more, mut less] = [ends, ends];
+                more[j] += step;
+                less[j] -= step;
+                let [more, less] = [at(&more), at(&less)];
+                for i in 0..4 {
+                    let expected = (more.force[i / 2][i % 2] - less.force[i / 2][i % 2]) / (2.0 * step);
+                    let found = here.stiffness[i / 2][j / 2][(i % 2, j % 2)];
+                    // Differences of second order: 1e-12 of the third derivative, and rounding, 1e-16/1e-6 of forces of 40 N.
+                    assert!((found - expected).abs() < 1e-7, "{i} {j}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn crushed_tissue_has_no_reaction() {
+        let bed = bed();
+        for u in [20.0, -20.0, 1e9, f64::NAN] {
+            assert_eq!(reaction(&bed, u, 0.0), None);
+            assert!(load(&bed, 1.0, [Vector2::zeros(), Vector2::new(u, 0.0)]).is_none());
+        }
+        assert!(reaction(&bed, 19.0, f64::MAX).is_none_or(|reaction| reaction.force.is_finite()));
+    }
+}

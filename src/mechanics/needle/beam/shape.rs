@@ -103,7 +103,10 @@ impl Shape {
         if inside.iter().all(|point| point.u_mm == 0.0) {
             return None;
         }
-        let largest = self.points.iter().fold(0.0, |most: f64, point| most.max(point.u_mm.abs()));
+        let largest = self
+            .points
+            .iter()
+            .fold(0.0, |most: f64, point| most.max(point.u_mm.abs()));
         if inside[0].u_mm.abs() <= NOTHING * largest {
             return Some(0.0);
         }
@@ -162,4 +165,37 @@ fn first_zero(near: &Point, far: &Point) -> Option<f64> {
         }
     }
     Some(from + high * length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first zero of one element of 2 mm from 3 mm on.
+    fn zero(u: [f64; 2], slopes: [f64; 2]) -> Option<f64> {
+        let point = |x_mm, u_mm, slope| Point {
+            x_mm,
+            u_mm,
+            slope,
+            reaction_n_per_mm: 0.0,
+        };
+        first_zero(&point(3.0, u[0], slopes[0]), &point(5.0, u[1], slopes[1]))
+    }
+
+    #[test]
+    fn zeros_are_found_within_elements() {
+        let near = |found: Option<f64>, expected: f64| {
+            let found = found.expect("a zero");
+            assert!((found - expected).abs() < 1e-14 * 8.0, "{found} {expected}");
+        };
+        // A line, and cubics (x - 3.5)(x - 4.5) and (x - 3.25)(x - 4)(x - 4.5), of whose zeros the first counts.
+        near(zero([1.0, -3.0], [-2.0, -2.0]), 3.5);
+        near(zero([0.75, 0.75], [-2.0, 2.0]), 3.5);
+        let slope = |x: f64| (x - 4.0) * (x - 4.5) + (x - 3.25) * (x - 4.5) + (x - 3.25) * (x - 4.0);
+        near(zero([-0.375, 0.875], [slope(3.0), slope(5.0)]), 3.25);
+        // At the far end, and none.
+        near(zero([1.0, 0.0], [-0.5, -0.5]), 5.0);
+        assert_eq!(zero([1.0, 2.0], [0.5, 0.5]), None);
+        assert_eq!(zero([1.0, 1.0], [-0.1, 0.1]), None);
+    }
 }
