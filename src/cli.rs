@@ -1,6 +1,7 @@
 //! The command line: what may be asked, and which file answers.
 
 mod backend;
+mod beam;
 mod bench;
 mod completions;
 mod doctor;
@@ -19,6 +20,7 @@ mod schema;
 mod solve;
 mod stability;
 mod svg;
+mod study;
 mod terminal;
 mod tradeoff;
 mod vtu;
@@ -41,6 +43,7 @@ Examples:
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
+  insonify beam case.toml -o shape.svg             how a needle bends in tissue when its base is moved
   insonify stability --quick                       hard cases of the numerics, and whether they hold
   insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
   insonify doctor                                  what this machine can render on
@@ -67,6 +70,7 @@ enum Command {
     Insert(insert::Insert),
     Solve(solve::Solve),
     Material(material::Material),
+    Beam(beam::Beam),
     Stability(stability::Stability),
     Phantom(phantom::Phantom),
     Mesh(mesh::Mesh),
@@ -89,6 +93,7 @@ impl Cli {
             Command::Insert(insert) => insert.run(),
             Command::Solve(solve) => solve.run(),
             Command::Material(material) => material.run(),
+            Command::Beam(beam) => beam.run(),
             Command::Stability(stability) => stability.run(),
             Command::Phantom(phantom) => phantom.run(),
             Command::Mesh(mesh) => mesh.run(),

@@ -4,11 +4,14 @@ use std::fmt;
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
+use crate::beam_case::CaseError;
+use crate::beam_case::points::PointsError;
 use crate::gpu::GpuError;
 use crate::material_case::CaseError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
+use crate::mechanics::needle::beam::BeamError;
 use crate::output::atomic::WriteError;
 use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;
@@ -45,6 +48,15 @@ pub enum Error {
     /// A material cannot be tested.
     #[error(transparent)]
     Material(#[from] CaseError),
+    /// A needle in tissue cannot be bent.
+    #[error(transparent)]
+    Case(#[from] CaseError),
+    /// A needle in tissue of a study has no shape.
+    #[error(transparent)]
+    Beam(#[from] BeamError),
+    /// Measured points cannot be read or fitted.
+    #[error(transparent)]
+    Points(#[from] PointsError),
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
@@ -99,6 +111,8 @@ impl Error {
             Self::Scenario(error) => error.is_machine(),
             Self::Statics(error) => error.is_machine(),
             Self::Material(error) => error.is_machine(),
+            Self::Case(error) => error.is_machine(),
+            Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -109,6 +123,8 @@ impl Error {
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
             Self::Step(_)
             | Self::InsertionStudy(_)
+            Self::Beam(_)
+            | Self::Step(_)
             | Self::Completion(_)
             | Self::Phantom(_)
             | Self::Generate(_)
@@ -129,6 +145,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.help(),
             Self::Statics(error) => error.help(),
             Self::Material(error) => error.help(),
+            Self::Case(error) => error.help(),
             _ => None,
         }
     }
@@ -139,6 +156,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.source_code(),
             Self::Statics(error) => error.source_code(),
             Self::Material(error) => error.source_code(),
+            Self::Case(error) => error.source_code(),
             _ => None,
         }
     }
@@ -149,6 +167,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.labels(),
             Self::Statics(error) => error.labels(),
             Self::Material(error) => error.labels(),
+            Self::Case(error) => error.labels(),
             _ => None,
         }
     }

@@ -21,6 +21,7 @@
 //! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
 //! | [`scenario`] | needle insertions as a user writes them, and their run |
 //! | [`statics`] | static problems as a user writes them |
+//! | [`beam_case`] | needles bent at their base as a user writes them |
 //! | [`study`] | benchmarks, hard cases, and what made a pixel |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
@@ -30,6 +31,7 @@
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
+pub mod beam_case;
 pub mod document;
 pub mod effects;
 pub mod error;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
 //! | [`mod@inspect`] | what made one pixel |
+//! | [`beam`] | the published centres of motion of a needle in tissue |
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | `block` | what studies put needles into |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
@@ -11,6 +12,7 @@
 //! | [`stability`] | hard cases, and whether they hold |
 //! | [`machine`] | what the CPU backend runs on |
 
+pub mod beam;
 pub mod bench;
 mod block;
 mod fractional;

@@ -4,12 +4,15 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
+use insonify::beam_case::CaseError;
+use insonify::beam_case::points::PointsError;
 use insonify::error::{INPUT, MACHINE};
 use insonify::gpu::GpuError;
 use insonify::material_case::CaseError;
 use insonify::mechanics::insertion::StepError;
 use insonify::mechanics::mesh::file::MeshFileError;
 use insonify::mechanics::mesh::generate::GenerateError;
+use insonify::mechanics::needle::beam::BeamError;
 use insonify::output::atomic::WriteError;
 use insonify::output::png::PngError;
 use insonify::output::sequence::SequenceError;
@@ -115,6 +118,7 @@ macro_rules! from_library {
 }
 
 from_library!(
+    BeamError,
     CaseError,
     CompletionError,
     GenerateError,
@@ -124,6 +128,7 @@ from_library!(
     PhantomError,
     PlotError,
     PngError,
+    PointsError,
     RenderError,
     ScenarioError,
     SceneError,

@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use insonify::material_case::CaseFile;
+use insonify::beam_case::CaseFile;
 use insonify::output::sidecar::Sidecar;
 use insonify::statics::ProblemFile;
 use schemars::schema_for;
@@ -26,6 +27,8 @@ enum Of {
     Problem,
     /// A case file that `material` reads
     Material,
+    /// A case file that `beam` reads
+    Beam,
     /// A scenario file that `insert` reads
     #[value(alias = "insert")]
     Scenario,
@@ -39,6 +42,7 @@ impl Schema {
             Of::Scene => insonify::scene::schema(),
             Of::Problem => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(CaseFile).to_value(),
+            Of::Beam => schema_for!(CaseFile).to_value(),
             Of::Scenario => insonify::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })

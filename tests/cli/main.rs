@@ -2,6 +2,7 @@
 
 mod adapters;
 mod bad_input;
+mod beam;
 mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]

@@ -1,0 +1,132 @@
+//! Measured stretch and stress in a CSV file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::mechanics::needle::beam::fit::{FitError, Sample};
+
+/// Names of the columns.
+const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
+
+/// Why points cannot be read or fitted.
+#[derive(Debug, thiserror::Error)]
+pub enum PointsError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
+    /// What a line says is no point.
+    #[error("{}, line {line}: found {found}; expected {expected}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: u64,
+        /// What it says.
+        found: String,
+        /// What it should say.
+        expected: &'static str,
+    },
+    /// The points cannot be fitted.
+    #[error("{}: {cause}", path.display())]
+    Fit {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: FitError,
+    },
+}
+
+impl PointsError {
+    /// Whether the machine failed rather than the input: the file is there and cannot be read.
+    pub fn is_machine(&self) -> bool {
+        use io::ErrorKind::{InvalidInput, IsADirectory, NotADirectory, NotFound, PermissionDenied};
+        match self {
+            Self::Read { cause, .. } => !matches!(
+                cause.kind(),
+                NotFound | PermissionDenied | IsADirectory | NotADirectory | InvalidInput
+            ),
+            Self::Line { .. } | Self::Fit { .. } => false,
+        }
+    }
+}
+
+/// Reads a file of points (see [`parse`]).
+///
+/// # Errors
+/// [`PointsError`].
+pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
+    let bytes = std::fs::read(path).map_err(|cause| PointsError::Read {
+        path: path.to_owned(),
+        cause,
+    })?;
+    parse(&bytes, path)
+}
+
+/// Reads points: a header that names the columns `stretch` and `stress_kpa` in any order, or no header and these two in this order;
+/// lines that begin with `#` are left out. `path` names the file in errors.
+///
+/// # Errors
+/// [`PointsError`].
+pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, PointsError> {
+    let wrong = |line: u64, found: String, expected| PointsError::Line {
+        path: path.to_owned(),
+        line,
+        found,
+        expected,
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(text);
+    let (mut samples, mut places) = (Vec::new(), None);
+    for record in reader.records() {
+        let record = record.map_err(|error| {
+            let line = error.position().map_or(1, csv::Position::line);
+            wrong(line, error.to_string(), "two numbers, separated by a comma")
+        })?;
+        let line = record.position().map_or(1, csv::Position::line);
+        if record.len() != COLUMNS.len() {
+            let found = format!("{} columns", record.len());
+            return Err(wrong(line, found, "two, `stretch` and `stress_kpa`"));
+        }
+        let Some(at) = places else {
+            let place = |name: &str| record.iter().position(|cell| cell.eq_ignore_ascii_case(name));
+            match COLUMNS.map(place) {
+                [Some(stretch), Some(stress)] => places = Some([stretch, stress]),
+                _ if record.iter().all(|cell| cell.parse::<f64>().is_ok()) => {
+                    places = Some([0, 1]);
+                    samples.push(sample(&record, [0, 1]).map_err(|(found, expected)| wrong(line, found, expected))?);
+                }
+                _ => {
+                    let found = format!("the header `{}`", record.iter().collect::<Vec<_>>().join(","));
+                    return Err(wrong(line, found, "`stretch,stress_kpa`, or numbers"));
+                }
+            }
+            continue;
+        };
+        samples.push(sample(&record, at).map_err(|(found, expected)| wrong(line, found, expected))?);
+    }
+    Ok(samples)
+}
+
+fn sample(record: &csv::StringRecord, at: [usize; 2]) -> Result<Sample, (String, &'static str)> {
+    let number = |at: usize| {
+        let number = record[at].parse::<f64>().ok().filter(|number| number.is_finite());
+        number.ok_or_else(|| (format!("`{}`", &record[at]), "a finite number"))
+    };
+    let [stretch, stress_kpa] = [number(at[0])?, number(at[1])?];
+    if stretch <= 0.0 {
+        return Err((
+            format!("stretch {stretch}"),
+            "a stretch above 0: length over length at rest",
+        ));
+    }
+    Ok(Sample { stretch, stress_kpa })
+}

@@ -1,0 +1,173 @@
+//! What is printed and drawn of a bent needle.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::resolve::Case;
+use crate::mechanics::needle::beam::Shape;
+use crate::study::plot::{Axis, Marker, Plot, Series};
+
+/// Rows of the shape that are shown to people.
+const ROWS: usize = 12;
+/// Points of the curve between two nodes.
+const FINE: usize = 4;
+
+/// The figures of a bent needle, as `insonify beam --json` prints them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Deflection of the tip, mm.
+    pub tip_mm: f64,
+    /// Where the tangent at the base meets the undeflected needle, mm below the entry.
+    pub rcm_mm: Option<f64>,
+    /// Where the needle first is where it was, mm below the entry.
+    pub com_mm: Option<f64>,
+    /// Largest moment out of balance over the largest moment.
+    pub residual: f64,
+    /// Newton steps.
+    pub iterations: usize,
+    /// Nodes, from base to tip.
+    pub shape: Vec<Node>,
+    /// Force and moment that hold the base, N and N mm.
+    #[serde(skip)]
+    hold: [f64; 2],
+    #[serde(skip)]
+    least_ratio: f64,
+}
+
+/// A node of the needle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Node {
+    /// Along the undeflected needle, mm from the entry.
+    pub x: f64,
+    /// Deflection, mm.
+    pub u: f64,
+    /// du/dx.
+    pub slope: f64,
+    /// Reaction of the tissue per length, N/mm, with the sign of the deflection; at the boundary of layers that of the deeper one.
+    pub reaction: f64,
+}
+
+impl Report {
+    /// The figures of a shape.
+    pub fn new(shape: &Shape) -> Report {
+        let nodes = shape.points.iter().map(|point| Node {
+            x: point.x_mm,
+            u: point.u_mm,
+            slope: point.slope,
+            reaction: point.reaction_n_per_mm,
+        });
+        Report {
+            tip_mm: shape.tip_mm(),
+            rcm_mm: shape.rcm_mm(),
+            com_mm: shape.com_mm(),
+            residual: shape.residual,
+            iterations: shape.iterations,
+            shape: nodes.collect(),
+            hold: [shape.base_force_n, shape.base_moment_nmm],
+            least_ratio: shape.least_ratio,
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let depth = |depth: Option<f64>| {
+            depth.map_or("none".to_owned(), |depth| {
+                format!("{:.4} mm below the entry", whole(depth))
+            })
+        };
+        writeln!(f, "tip          {:.6} mm", whole(self.tip_mm))?;
+        writeln!(f, "RCM          {} (where the base points)", depth(self.rcm_mm))?;
+        writeln!(f, "COM          {} (where the needle pivots)", depth(self.com_mm))?;
+        let [force, moment] = self.hold.map(whole);
+        writeln!(f, "base         {force:.6} N, {moment:.6} N mm")?;
+        writeln!(f, "compression  to {:.4} of the tissue's length", self.least_ratio)?;
+        writeln!(
+            f,
+            "residual     {:.1e}, {} Newton steps",
+            self.residual, self.iterations
+        )?;
+        writeln!(
+            f,
+            "\n{:>10} {:>12} {:>12} {:>14}",
+            "x mm", "u mm", "slope", "reaction N/mm"
+        )?;
+        let last = self.shape.len().saturating_sub(1);
+        let every = last.div_ceil(ROWS).max(1);
+        for (_, node) in self
+            .shape
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| at % every == 0 || *at == last)
+        {
+            let [x, u, slope, reaction] = [node.x, node.u, node.slope, node.reaction].map(whole);
+            writeln!(f, "{x:>10.3} {u:>12.6} {slope:>12.6} {reaction:>14.6}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Rounded to what is shown, so that nothing shows as a negative zero.
+fn whole(x: f64) -> f64 {
+    (x * 1e6).round() / 1e6 + 0.0
+}
+
+/// The needle in its tissue: its shape, where its base points, and both centres of motion.
+pub fn plot(case: &Case, shape: &Shape) -> Plot {
+    let nodes: Vec<f64> = shape.points.iter().map(|point| point.x_mm).collect();
+    let between = |pair: &[f64]| {
+        let (from, length) = (pair[0], pair[1] - pair[0]);
+        (1..=FINE).map(move |part| from + length * part as f64 / FINE as f64)
+    };
+    let places = nodes
+        .first()
+        .copied()
+        .into_iter()
+        .chain(nodes.windows(2).flat_map(between));
+    let needle: Vec<[f64; 2]> = places.map(|x| [x, shape.at(x)[0]]).collect();
+    let deflections = || needle.iter().map(|point| point[1]);
+    let low = deflections().fold(0.0, f64::min);
+    let high = deflections().fold(0.0, f64::max);
+    let line = |name: &str, points: Vec<[f64; 2]>, colour| Series {
+        name: name.to_owned(),
+        points,
+        joined: true,
+        marker: Marker::None,
+        colour,
+    };
+    let mut series = Vec::new();
+    let mut depth = 0.0;
+    let boundaries = case.problem.layers.iter().map(|layer| layer.thickness_mm);
+    for boundary in std::iter::once(0.0).chain(boundaries) {
+        depth += boundary;
+        series.push(line("layers of tissue", vec![[depth, low], [depth, high]], 5));
+    }
+    let base = &shape.points[0];
+    let tip = nodes[nodes.len() - 1];
+    let straight = line("at rest", vec![[base.x_mm, 0.0], [tip, 0.0]], 6);
+    let reach = shape.rcm_mm().filter(|rcm| *rcm > base.x_mm).unwrap_or(tip);
+    let end = [reach, base.u_mm + base.slope * (reach - base.x_mm)];
+    series.extend([
+        straight,
+        line("where the base points", vec![[base.x_mm, base.u_mm], end], 4),
+    ]);
+    series.push(line("needle", needle, 0));
+    for (name, depth, colour) in [("RCM", shape.rcm_mm(), 1), ("COM", shape.com_mm(), 2)] {
+        series.extend(depth.map(|depth| Series {
+            name: name.to_owned(),
+            points: vec![[depth, 0.0]],
+            joined: false,
+            marker: Marker::Disc,
+            colour,
+        }));
+    }
+    Plot {
+        title: "Needle whose base is moved".to_owned(),
+        x: Axis::linear("depth, mm"),
+        y: Axis::linear("deflection, mm"),
+        series,
+        markers: Vec::new(),
+        front: Vec::new(),
+    }
+}

@@ -1,0 +1,216 @@
+//! From a case file to a beam, and to its shape.
+
+use super::error::{CaseError, Wrong};
+use super::file::{CaseFile, CompressionName, LayerSpec, ModelName};
+use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::needle::beam::inverse::{self, InverseError, Wanted};
+use crate::mechanics::needle::beam::{
+    Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+};
+
+/// A case whose numbers are in their ranges.
+#[derive(Clone, Debug)]
+pub struct Case {
+    file: CaseFile,
+    /// Needle and tissue.
+    pub problem: Problem,
+    /// How the base is moved.
+    pub base: Base,
+}
+
+impl From<CompressionName> for Compression {
+    fn from(name: CompressionName) -> Self {
+        match name {
+            CompressionName::UEng => Compression::UEng,
+            CompressionName::UTru => Compression::UTru,
+            CompressionName::CTru => Compression::CTru,
+        }
+    }
+}
+
+impl LayerSpec {
+    /// The material, or the key that is missing or too much.
+    fn material(&self) -> Result<Material, (&'static str, bool)> {
+        let given = [
+            ("mu_kpa", self.mu_kpa),
+            ("alpha", self.alpha),
+            ("c10_kpa", self.c10_kpa),
+            ("c01_kpa", self.c01_kpa),
+            ("c20_kpa", self.c20_kpa),
+        ];
+        let keys = self.model.keys();
+        if let Some((key, _)) = given.iter().find(|(key, value)| value.is_some() && !keys.contains(key)) {
+            return Err((key, true));
+        }
+        let number = |key: &'static str| {
+            let value = given
+                .iter()
+                .find(|(name, _)| *name == key)
+                .and_then(|(_, value)| *value);
+            value.ok_or((key, false))
+        };
+        Ok(match self.model {
+            ModelName::Ogden => Material::Ogden {
+                mu_kpa: number("mu_kpa")?,
+                alpha: number("alpha")?,
+            },
+            ModelName::NeoHookean => Material::NeoHookean {
+                mu_kpa: number("mu_kpa")?,
+            },
+            ModelName::MooneyRivlin => Material::MooneyRivlin {
+                c10_kpa: number("c10_kpa")?,
+                c01_kpa: number("c01_kpa")?,
+            },
+            ModelName::Yeoh => Material::Yeoh {
+                c10_kpa: number("c10_kpa")?,
+                c20_kpa: number("c20_kpa")?,
+            },
+        })
+    }
+}
+
+impl ModelName {
+    fn name(self) -> &'static str {
+        match self {
+            ModelName::Ogden => "ogden",
+            ModelName::NeoHookean => "neo-hookean",
+            ModelName::MooneyRivlin => "mooney-rivlin",
+            ModelName::Yeoh => "yeoh",
+        }
+    }
+
+    /// The keys of its numbers.
+    fn keys(self) -> &'static [&'static str] {
+        match self {
+            ModelName::Ogden => &["mu_kpa", "alpha"],
+            ModelName::NeoHookean => &["mu_kpa"],
+            ModelName::MooneyRivlin => &["c10_kpa", "c01_kpa"],
+            ModelName::Yeoh => &["c10_kpa", "c20_kpa"],
+        }
+    }
+}
+
+impl CaseFile {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`CaseError`], with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, CaseError> {
+        let within = |key: &str, found: f64, [low, high]: [f64; 2], unit: &str| {
+            let expected = format!("{low} to {high} {unit}");
+            match (low..=high).contains(&found) {
+                true => Ok(found),
+                false => Err(self.fault(key, Wrong::Number { found, expected })),
+            }
+        };
+        let young_gpa = within("needle.young_gpa", self.needle.young_gpa, [1e-3, 1e4], "GPa")?;
+        let diameter_mm = within("needle.diameter_mm", self.needle.diameter_mm, [0.01, 10.0], "mm")?;
+        let displacement_mm = within("base.displacement_mm", self.base.displacement_mm, [-1e6, 1e6], "mm")?;
+        let slope = self
+            .base
+            .slope
+            .map(|slope| within("base.slope", slope, [-1e6, 1e6], ""));
+        let layers = self.layers()?;
+        let sum = layers.iter().map(|layer| layer.thickness_mm).sum();
+        let problem = Problem {
+            bending_nmm2: bending_stiffness_nmm2(young_gpa, diameter_mm),
+            control_distance_mm: self.base.control_distance_mm,
+            inserted_mm: self.needle.inserted_mm.unwrap_or(sum),
+            layers,
+            element_mm: self.mesh.element_mm,
+        };
+        problem.check().map_err(|error| {
+            let table = match error.key {
+                "control_distance_mm" => "base",
+                "element_mm" => "mesh",
+                _ => "needle",
+            };
+            self.number(format!("{table}.{}", error.key), error)
+        })?;
+        let base = Base {
+            displacement_mm,
+            slope: slope.transpose()?,
+        };
+        Ok(Case {
+            problem,
+            base,
+            file: self,
+        })
+    }
+
+    fn layers(&self) -> Result<Vec<Layer>, CaseError> {
+        if self.layer.is_empty() {
+            let (found, expected) = ("no `[[layer]]`".to_owned(), "at least one".to_owned());
+            return Err(self.fault("layer", Wrong::Keys { found, expected }));
+        }
+        let layer = |(at, spec): (usize, &LayerSpec)| {
+            let key = |key: &str| format!("layer[{at}].{key}");
+            let material = spec.material().map_err(|(name, too_much)| {
+                let keys = spec.model.keys().join("` and `");
+                let expected = format!("`{keys}` with `model = \"{}\"`", spec.model.name());
+                let found = if too_much {
+                    format!("`{name}`")
+                } else {
+                    format!("no `{name}`")
+                };
+                self.fault(key(name), Wrong::Keys { found, expected })
+            })?;
+            let layer = Layer {
+                thickness_mm: spec.thickness_mm,
+                material,
+                compression: spec.compression.into(),
+                initial_length_mm: spec.initial_length_mm,
+                friction: spec.friction,
+            };
+            layer.check().map_err(|error| self.number(key(error.key), error))?;
+            Ok(layer)
+        };
+        self.layer.iter().enumerate().map(layer).collect()
+    }
+
+    fn number(&self, key: String, error: InvalidNeedleModel) -> CaseError {
+        let InvalidNeedleModel { found, expected, .. } = error;
+        self.fault(key, Wrong::Number { found, expected })
+    }
+}
+
+impl Case {
+    /// Bends the needle.
+    ///
+    /// # Errors
+    /// [`CaseError`] where it has no shape.
+    pub fn solve(&self) -> Result<Shape, CaseError> {
+        self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
+    }
+
+    /// Finds the base motion that brings about what is wanted, and the shape of the needle then.
+    ///
+    /// # Errors
+    /// [`CaseError`] where there is none.
+    pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), CaseError> {
+        inverse::find(&mut self.beam()?, wanted).map_err(|error| match error {
+            InverseError::Beam(error) => self.blame(error),
+            error => self.file.fault("base", Wrong::Inverse(error)),
+        })
+    }
+
+    fn beam(&self) -> Result<FoundationBeam, CaseError> {
+        let key = |error: &InvalidNeedleModel| format!("needle.{}", error.key);
+        FoundationBeam::new(&self.problem).map_err(|error| self.file.number(key(&error), error))
+    }
+
+    fn blame(&self, error: BeamError) -> CaseError {
+        let key = match &error {
+            BeamError::Crushed { depth_mm, .. } => {
+                let mut depth = 0.0;
+                let layers = self.problem.layers.iter().position(|layer| {
+                    depth += layer.thickness_mm;
+                    *depth_mm < depth
+                });
+                format!("layer[{}].initial_length_mm", layers.unwrap_or(0))
+            }
+            _ => "base".to_owned(),
+        };
+        self.file.fault(key, Wrong::Beam(error))
+    }
+}

@@ -1,0 +1,74 @@
+//! `insonify beam CASE.toml`: the shape of a needle.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use insonify::beam_case::{self, CaseFile, Report, plot};
+use insonify::output::atomic::{self, WriteError};
+use insonify::study::plot::Plot;
+
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+/// Tissue compressed to less than this share of its length is beyond what its models were fitted to.
+const FAR: f64 = 0.3;
+
+#[derive(Args)]
+pub struct Bend {
+    /// Case file: needle, base motion, elements and layers of tissue
+    #[arg(value_name = "CASE.toml", required_unless_present = "example")]
+    case: Option<PathBuf>,
+    /// Print a case file to start from
+    #[arg(long, conflicts_with_all = ["case", "json", "output"])]
+    example: bool,
+    /// Print one JSON object: `tip_mm`, `rcm_mm`, `com_mm`, `residual`, `iterations`, `shape`
+    #[arg(long)]
+    json: bool,
+    /// Draw the needle in its tissue
+    #[arg(short, long, value_name = "PLOT.svg", value_parser = svg)]
+    output: Option<PathBuf>,
+}
+
+impl Bend {
+    pub fn run(&self) -> Result<(), Failure> {
+        let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
+            return terminal::emit(beam_case::EXAMPLE);
+        };
+        let case = CaseFile::read(path)?.resolve()?;
+        let shape = case.solve()?;
+        if shape.least_ratio < FAR {
+            let ratio = shape.least_ratio;
+            terminal::warn(format_args!(
+                "tissue is compressed to {ratio:.3} of its length: materials are seldom measured there"
+            ));
+        }
+        if let Some(output) = &self.output {
+            draw(output, &plot(&case, &shape))?;
+        }
+        let report = Report::new(&shape);
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            terminal::emit(&report.to_string())
+        }
+    }
+}
+
+/// A file that a plot is drawn to.
+pub fn svg(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path
+        .extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
+    {
+        true => Ok(path),
+        false => Err("plots are drawn as SVG: name the output with the ending .svg".to_owned()),
+    }
+}
+
+/// Writes a plot, whole or not at all.
+pub fn draw(path: &Path, plot: &Plot) -> Result<(), Failure> {
+    let text = plot.svg()?;
+    let written: Result<(), WriteError> = atomic::write(path, |file| std::io::Write::write_all(file, text.as_bytes()));
+    Ok(written?)
+}

@@ -1,0 +1,191 @@
+//! `insonify beam fit`: materials from measurements.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use insonify::beam_case::points::{self, PointsError};
+use insonify::mechanics::needle::beam::Compression;
+use insonify::mechanics::needle::beam::fit::{self, PARTED, Sample};
+use insonify::mechanics::needle::beam::material::Law;
+use insonify::study::plot::{Axis, Marker, Plot, Series};
+use serde_json::{Map, Value, json};
+
+use super::bend::{draw, svg};
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+/// Points of a curve.
+const FINE: usize = 120;
+/// How far below the data curves are drawn.
+const BEYOND: f64 = 0.15;
+
+const EXAMPLES: &str = "\
+POINTS.csv has two columns, `stretch` (length over length at rest: below 1 in compression) and `stress_kpa` (negative in
+compression), named by a header line or in this order without one; lines that begin with # are left out:
+  stretch,stress_kpa
+  1.00,0.0
+  0.95,-1.98
+  0.90,-4.21
+
+Every model is fitted by least squares. R^2 is 1 of a perfect fit. A warning says where, beyond the data, a model is more than
+10 % off the median of all: none of them should be trusted from there on.
+
+Examples:
+  insonify beam fit points.csv                          engineering stress, as a test machine gives it
+  insonify beam fit points.csv --compression UTru       true stress
+  insonify beam fit points.csv --json -o fit.svg";
+
+/// Fits every material model to measured stretch and stress
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Fit {
+    /// Measurements: columns `stretch` and `stress_kpa`
+    #[arg(value_name = "POINTS.csv")]
+    points: PathBuf,
+    /// How the sample was compressed, and which stress was measured
+    #[arg(long, value_enum, ignore_case = true, default_value = "UEng")]
+    compression: CompressionArg,
+    /// Print one JSON object: `compression`, `stretch`, `models` (model, parameters, `r_squared`, `rms_kpa`, `parts_below`), `warnings`
+    #[arg(long)]
+    json: bool,
+    /// Draw data and models
+    #[arg(short, long, value_name = "PLOT.svg", value_parser = svg)]
+    output: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum CompressionArg {
+    /// Free to widen, engineering stress
+    #[value(name = "UEng")]
+    UEng,
+    /// Free to widen, true stress
+    #[value(name = "UTru")]
+    UTru,
+    /// Held along one side, true stress
+    #[value(name = "CTru")]
+    CTru,
+}
+
+impl Fit {
+    pub fn run(&self) -> Result<(), Failure> {
+        let compression = match self.compression {
+            CompressionArg::UEng => Compression::UEng,
+            CompressionArg::UTru => Compression::UTru,
+            CompressionArg::CTru => Compression::CTru,
+        };
+        let samples = points::read(&self.points)?;
+        let fit = fit::Fit::new(&samples, compression).map_err(|cause| PointsError::Fit {
+            path: self.points.clone(),
+            cause,
+        })?;
+        let warnings = warnings(&fit);
+        warnings.iter().for_each(terminal::warn);
+        if let Some(output) = &self.output {
+            draw(output, &plot(&samples, &fit))?;
+        }
+        if self.json {
+            terminal::emit_json(&json(&fit, &warnings))
+        } else {
+            terminal::emit(&text(&fit))
+        }
+    }
+}
+
+fn warnings(fit: &fit::Fit) -> Vec<String> {
+    let parted = fit.partings.iter().map(|parting| {
+        format!(
+            "{}: more than {} % off the median of all models below stretch {:.2}; the data end at {:.2}",
+            parting.model,
+            100.0 * PARTED,
+            parting.stretch,
+            fit.range[0]
+        )
+    });
+    let unusable = fit.models.iter().filter_map(|model| {
+        let error = model.material.check().err()?;
+        Some(format!(
+            "{}: `insonify beam` cannot use this fit: {error}",
+            model.material.model()
+        ))
+    });
+    parted.chain(unusable).collect()
+}
+
+fn text(fit: &fit::Fit) -> String {
+    let [low, high] = fit.range;
+    let mut text = format!("{}, stretches {low} to {high}\n\n", fit.compression.name());
+    let _ = writeln!(text, "{:<14} {:>10} {:>12}  parameters", "model", "R^2", "rms kPa");
+    for model in &fit.models {
+        let parameters = model
+            .material
+            .parameters()
+            .into_iter()
+            .map(|(key, value)| format!("{key} = {value:.6}"));
+        let parameters = parameters.collect::<Vec<_>>().join(", ");
+        let name = model.material.model();
+        let _ = writeln!(
+            text,
+            "{name:<14} {:>10.6} {:>12.6}  {parameters}",
+            model.r_squared, model.rms_kpa
+        );
+    }
+    text
+}
+
+fn json(fit: &fit::Fit, warnings: &[String]) -> Value {
+    let models = fit.models.iter().map(|model| {
+        let mut map = Map::new();
+        let name = model.material.model();
+        map.insert("model".to_owned(), json!(name));
+        for (key, value) in model.material.parameters() {
+            map.insert(key.to_owned(), json!(value));
+        }
+        let parting = fit.partings.iter().find(|parting| parting.model == name);
+        map.insert("r_squared".to_owned(), json!(model.r_squared));
+        map.insert("rms_kpa".to_owned(), json!(model.rms_kpa));
+        map.insert("parts_below".to_owned(), json!(parting.map(|parting| parting.stretch)));
+        Value::Object(map)
+    });
+    json!({
+        "compression": fit.compression.name(),
+        "stretch": fit.range,
+        "models": models.collect::<Vec<_>>(),
+        "warnings": warnings,
+    })
+}
+
+fn plot(samples: &[Sample], fit: &fit::Fit) -> Plot {
+    let [low, high] = [(fit.range[0] - BEYOND).max(0.5 * fit.range[0]), fit.range[1].max(1.0)];
+    let mut series = vec![Series {
+        name: "measured".to_owned(),
+        points: samples
+            .iter()
+            .map(|sample| [1.0 - sample.stretch, sample.stress_kpa])
+            .collect(),
+        joined: false,
+        marker: Marker::Ring,
+        colour: 6,
+    }];
+    for (colour, model) in fit.models.iter().enumerate() {
+        let law = Law::new(&model.material, fit.compression);
+        let stretches = (0..=FINE).map(|at| low + (high - low) * at as f64 / FINE as f64);
+        series.push(Series {
+            name: model.material.model().to_owned(),
+            points: stretches
+                .map(|stretch| [1.0 - stretch, law.at(stretch).stress_kpa])
+                .collect(),
+            joined: true,
+            marker: Marker::None,
+            colour,
+        });
+    }
+    Plot {
+        title: format!("Materials fitted to measurements, {}", fit.compression.name()),
+        x: Axis::linear("compression, 1 - stretch"),
+        y: Axis::linear("stress, kPa"),
+        series,
+        markers: Vec::new(),
+        front: Vec::new(),
+    }
+}
