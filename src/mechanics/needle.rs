@@ -6,6 +6,7 @@
 
 pub mod beam;
 mod bending;
+mod cantilever;
 mod chain;
 mod line;
 mod rigid;
@@ -19,6 +20,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 pub use bending::BendingConstraint;
 pub(in crate::mechanics) use line::across;
+pub use cantilever::{Cantilever, ELEMENT_MM};
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{Constrained, Rigid};
 pub use shaft::{Bevel, InvalidNeedleModel, Shaft};

@@ -1,11 +1,32 @@
 //! Rigid links in a row, some joined by joints: the geometry that the models share.
 
+use std::f64::consts::FRAC_PI_4;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::{Bevel, CentreLine};
+use super::{Bevel, CentreLine, Load};
 
 /// Nodes closer than this along the shaft are one, mm.
 const APART_MM: f64 = 1e-9;
+
+/// A joint turns by at most this, rad.
+pub(super) const MAX_TURN: f64 = FRAC_PI_4;
+
+/// Forces of more than this along an axis count as this, N: so that no product of them overflows.
+const MAX_FORCE_N: f64 = 1e60;
+
+/// Force (N) on what lies beyond a point of the shaft, and its moment about that point (N mm).
+pub(super) type Beyond = (Vector3<f64>, Vector3<f64>);
+
+/// At most as far as a joint turns.
+pub(super) fn limited(angle: Vector3<f64>) -> Vector3<f64> {
+    let turn = angle.norm();
+    if turn > MAX_TURN {
+        angle * (MAX_TURN / turn)
+    } else {
+        angle
+    }
+}
 
 /// Nodes along the undeformed shaft: base, joints, the start of the bevel, tip.
 #[derive(Clone, Debug)]
@@ -69,6 +90,28 @@ impl Chain {
         let arcs = line.nodes().iter().map(|node| node.0);
         let turns = line.turns().len() == self.joints.len();
         turns && line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
+    }
+
+    /// What loads lie beyond the base (first) and beyond each joint, on the shaft as `line` has it.
+    pub(super) fn gather(&self, loads: &[Load], line: &CentreLine, beyond: &mut Vec<Beyond>) {
+        beyond.clear();
+        beyond.resize(self.joints.len() + 1, Beyond::default());
+        let nodes = line.nodes();
+        let base = nodes[0].1;
+        for load in loads {
+            let force = load.force_n.map(|part| part.clamp(-MAX_FORCE_N, MAX_FORCE_N));
+            let last = &mut beyond[self.joints_before(load.arc_mm)];
+            last.0 += force;
+            last.1 += (line.at(load.arc_mm).point_mm - base).cross(&force);
+        }
+        for joint in (1..beyond.len()).rev() {
+            let (force, moment) = beyond[joint];
+            beyond[joint - 1].0 += force;
+            beyond[joint - 1].1 += moment;
+        }
+        for (&node, (force, moment)) in self.joints.iter().zip(&mut beyond[1..]) {
+            *moment -= (nodes[node].1 - base).cross(force);
+        }
     }
 
     /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for

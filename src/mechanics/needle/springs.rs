@@ -4,12 +4,12 @@ mod tangent;
 #[cfg(test)]
 mod tests;
 
-use std::f64::consts::{FRAC_PI_4, PI};
+use std::f64::consts::PI;
 
 use faer::Mat;
 use nalgebra::{Isometry3, Vector3};
 
-use super::chain::Chain;
+use super::chain::{Beyond, Chain, limited};
 use super::shaft::check;
 use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
 use tangent::Tangent;
@@ -50,7 +50,7 @@ impl Stiffness {
         }
     }
 
-    fn check(&self) -> Result<(), InvalidNeedleModel> {
+    pub(super) fn check(&self) -> Result<(), InvalidNeedleModel> {
         let (key, found) = match *self {
             Stiffness::KappaNmmPerDeg(kappa) => ("kappa_nmm_per_deg", kappa),
             Stiffness::BendingNmm2(bending) => ("bending_stiffness_nmm2", bending),
@@ -83,6 +83,23 @@ pub struct Springs {
     /// Torque by angle of a joint, N mm/rad.
     stiffness: f64,
     tangent: Tangent,
+    /// Angle by torque of a joint, rad/(N mm).
+    compliance: f64,
+    beyond: Vec<Beyond>,
+    /// For the first joints together, the flexibility by moment about the base and direction.
+    together: Vec<Matrix6<f64>>,
+    rows: Vec<Twist>,
+}
+
+/// A row of a flexibility, on its way.
+#[derive(Clone, Copy, Debug)]
+struct Twist {
+    /// Joints before it.
+    joints: usize,
+    /// Moment about the base, and direction.
+    row: Vector6<f64>,
+    /// What the joints before it make of that.
+    moved: Vector6<f64>,
 }
 
 impl Springs {
@@ -118,15 +135,32 @@ impl Springs {
             tangent: Tangent::default(),
         })
     }
-}
+            compliance: part / stiffness.bending_nmm2(),
+            beyond: Vec::new(),
+            together: vec![Matrix6::zeros(); joints.len()],
+            rows: Vec::new(),
+        })
+    }
 
-/// At most as far as a joint turns.
-fn limited(angle: Vector3<f64>) -> Vector3<f64> {
-    let turn = angle.norm();
-    if turn > MAX_TURN {
-        angle * (MAX_TURN / turn)
-    } else {
-        angle
+    /// Sums up what the joints before each joint, and it, yield.
+    fn yielding(&mut self, line: &CentreLine) {
+        let (nodes, mut sum) = (line.nodes(), Matrix6::zeros());
+        for (&node, together) in self.chain.joints().iter().zip(&mut self.together) {
+            let along = (nodes[node].1 - nodes[node - 1].1).normalize();
+            // Torque (m - x n) of a row (m, n), across the shaft.
+            let across = (Matrix3::identity() - along * along.transpose()) * self.compliance;
+            let lever = (nodes[node].1 - nodes[0].1).cross_matrix();
+            let mixed = across * lever;
+            let view = |sum: &mut Matrix6<f64>, at: (usize, usize), part: Matrix3<f64>| {
+                let mut block = sum.fixed_view_mut::<3, 3>(at.0, at.1);
+                block += part;
+            };
+            view(&mut sum, (0, 0), across);
+            view(&mut sum, (0, 3), -mixed);
+            view(&mut sum, (3, 0), -mixed.transpose());
+            view(&mut sum, (3, 3), lever.transpose() * mixed);
+            *together = sum;
+        }
     }
 }
 
@@ -160,6 +194,11 @@ impl Needle for Springs {
         self.chain.place(base, line, |joint, along| {
             let turn = tangent.turn(joint);
             limited(turn - along * along.dot(&turn))
+        self.chain.gather(loads, line, &mut self.beyond);
+        let (beyond, compliance) = (&self.beyond, self.compliance);
+        self.chain.place(base, line, |joint, along| {
+            let torque = beyond[joint + 1].1;
+            limited((torque - along * along.dot(&torque)) * compliance)
         });
     }
 

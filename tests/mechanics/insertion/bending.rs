@@ -1,7 +1,7 @@
 //! Flexible needles in tissue.
 
 use insonify::mechanics::insertion::{Interaction, Model};
-use insonify::mechanics::needle::{Bevel, Needle, Shaft, Springs, Stiffness};
+use insonify::mechanics::needle::{Bevel, Cantilever, Needle, Shaft, Springs, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -19,16 +19,21 @@ fn springs(r_mm: f64, stiffness: Stiffness) -> Box<dyn Needle> {
     Box::new(Springs::new(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"))
 }
 
+/// Where the tip of a needle of springs is, rolled by an angle (see [`insert_needle`]).
+fn insert(r_mm: f64, stiffness: Stiffness, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
+    insert_needle(springs(r_mm, stiffness), roll, depth)
+}
+
 /// Where the tip of a needle is, rolled by an angle, at the end of an insertion through a hole 5 mm before the skin, and how
 /// many steps did not converge.
-fn insert(r_mm: f64, stiffness: Stiffness, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
+fn insert_needle(needle: Box<dyn Needle>, roll: f64, depth: f64) -> (Vector3<f64>, usize) {
     let interaction = Interaction {
         puncture_n: 0.0,
         ..USUAL
     };
     let mut setup = on_table(mirrored([60.0, 60.0, 80.0], 6.0), interaction);
     setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
-    setup.needle = springs(r_mm, stiffness);
+    setup.needle = needle;
     let mut finite = build(setup);
     let mut unsettled = 0;
     for step in 0..=(depth / 0.25) as usize {
@@ -69,6 +74,42 @@ fn a_bevel_steers() {
     assert!(deep.x - 0.8 > 1.3 * (shallow.x - 0.8), "{shallow:?} {deep:?}");
     // The mesh is no mirror image of itself, so the mirrored path is met by other elements.
     assert!((turned.x + deep.x).abs() < 0.15 * deep.x, "{deep:?} {turned:?}");
+}
+
+/// A beam and springs of the same EI go the same way. Springs with links of h are off by h^2/(4 L^2) of their deflection under a
+/// force at L, the beam's polyline by h^2/(8 R): both below a hundredth here, and the tissue multiplies neither.
+#[test]
+fn a_beam_and_springs_of_the_same_stiffness_go_the_same_way() {
+    let shaft = Shaft {
+        length_mm: LENGTH,
+        ..Shaft::default()
+    };
+    let bevel = Bevel {
+        r_mm: 0.8,
+        length_mm: 10.0,
+    };
+    let beam = |element_mm| {
+        let beam = Cantilever::new(shaft, Stiffness::default(), element_mm, Some(bevel)).expect("a needle");
+        let (tip, unsettled) = insert_needle(Box::new(beam), 0.0, 55.0);
+        assert_eq!(unsettled, 0);
+        tip
+    };
+    let (chain, _) = insert(0.8, Stiffness::default(), 0.0, 55.0);
+    let [coarse, fine] = [10.0, 2.5].map(beam);
+    println!("{chain:?} {coarse:?} {fine:?}");
+    assert!((coarse - chain).norm() < 0.02 * chain.norm(), "{coarse:?} {chain:?}");
+    assert!((coarse - fine).norm() < 0.02 * chain.norm(), "{coarse:?} {fine:?}");
+}
+
+/// A needle a thousand times stiffer is a rigid one; a thousand times softer, the tissue holds it and it says what it cannot do.
+#[test]
+fn needles_far_stiffer_and_softer_than_usual() {
+    let usual = Stiffness::default().bending_nmm2();
+    let (stiff, unsettled) = insert(0.6, Stiffness::BendingNmm2(1e3 * usual), 0.0, 50.0);
+    assert_eq!(unsettled, 0);
+    assert!((stiff.x - 0.6).abs() < 0.05 && stiff.y.abs() < 0.05, "{stiff:?}");
+    let (soft, _) = insert(0.6, Stiffness::BendingNmm2(1e-3 * usual), 0.0, 50.0);
+    assert!(soft.norm() < 30.0, "{soft:?}");
 }
 
 /// The haptic simulator paper's experiment (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block of PVC

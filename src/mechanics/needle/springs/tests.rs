@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion};
 
 use faer::Mat;
 
+use super::super::chain::MAX_TURN;
 use super::*;
 
 const LENGTH: f64 = 200.0;
