@@ -12,19 +12,23 @@ use crate::scene::NeedleMotionSpec;
 pub struct NeedleTable {
     /// How it bends. Default `rigid`.
     pub model: NeedleModel,
-    /// From base to tip, mm (0.1 to 1000). Default 150; 200 of `springs`.
+    /// From base to tip, mm (0.1 to 1000). Default 150; 200 of `springs` and `beam`.
     pub length_mm: Option<f64>,
-    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge); 1.28 of `springs`.
+    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge); 1.28 of `springs` and `beam`.
     pub diameter_mm: Option<f64>,
     /// Not of `constrained`: a bevelled tip. Without it the needle is symmetric.
     pub bevel: Option<BevelSpec>,
     /// `springs` only: stiffness of a joint between links of 10 mm, N mm for each degree (above 0). Default 10.7, that of a
     /// brachytherapy needle; joints of other links are as much stiffer as the links are shorter.
     pub kappa_nmm_per_deg: Option<f64>,
-    /// `springs` only, in place of that: bending stiffness EI, N mm^2 (above 0).
+    /// `springs`, in place of that, and `beam`: bending stiffness EI, N mm^2 (above 0). Default of `beam`: 6131, that of the springs.
     pub bending_stiffness_nmm2: Option<f64>,
     /// `springs` only: length of a link, mm (0.5 to 100). Default 10.
     pub link_mm: Option<f64>,
+    /// `beam` only: length of an element, mm (0.5 to 100). Default 5.
+    pub element_mm: Option<f64>,
+    /// `beam` only, in place of `bending_stiffness_nmm2`: Young's modulus of a solid round rod, GPa (above 0); 200 of steel.
+    pub young_gpa: Option<f64>,
     /// `constrained` only: how far it may bend.
     pub bending: Option<ConstraintSpec>,
     /// How it moves, as in a scene. The tip and direction are those of the needle that nothing bends. Not with `plan.needle`,
@@ -45,6 +49,8 @@ pub enum NeedleModel {
     Constrained,
     /// Rigid links joined by angular springs (haptic simulator paper).
     Springs,
+    /// A beam: Hermite elements that turn with the needle.
+    Beam,
 }
 
 /// A bevelled tip.

@@ -13,7 +13,9 @@ use super::tissue::ColumnsName;
 use crate::mechanics::insertion::Model;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::needle::{Bevel, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::needle::{
+    Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
+};
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
@@ -77,6 +79,14 @@ impl Scenario {
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
                 Box::new(Springs::new(shaft, stiffness, link_mm, bevel.map(bevelled))?)
+            }
+            Bending::Beam {
+                stiffness_nmm2,
+                element_mm,
+                bevel,
+            } => {
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Cantilever::new(shaft, stiffness, element_mm, bevel.map(bevelled))?)
             }
         })
     }

@@ -6,6 +6,7 @@ use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::instruments::{BevelSpec, NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
+use crate::mechanics::needle::{self, beam::bending_stiffness_nmm2};
 use crate::scene::{NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
@@ -32,6 +33,15 @@ pub enum Bending {
         stiffness_nmm2: f64,
         /// Length of a link, mm.
         link_mm: f64,
+        /// The bevel, if it has one.
+        bevel: Option<BevelSpec>,
+    },
+    /// As a beam.
+    Beam {
+        /// Bending stiffness EI, N mm^2.
+        stiffness_nmm2: f64,
+        /// Length of an element, mm.
+        element_mm: f64,
         /// The bevel, if it has one.
         bevel: Option<BevelSpec>,
     },
@@ -76,28 +86,42 @@ impl ScenarioFile {
     /// The needle, every number checked.
     pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
         let table = self.needle_table()?;
-        let of_springs = [
-            ("kappa_nmm_per_deg", table.kappa_nmm_per_deg.is_some()),
-            ("bending_stiffness_nmm2", table.bending_stiffness_nmm2.is_some()),
-            ("link_mm", table.link_mm.is_some()),
+        let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
+        let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
+            (
+                "kappa_nmm_per_deg",
+                table.kappa_nmm_per_deg.is_some(),
+                &[springs],
+                "`model = \"springs\"`",
+            ),
+            (
+                "bending_stiffness_nmm2",
+                table.bending_stiffness_nmm2.is_some(),
+                &[springs, beam],
+                "`model = \"springs\"` or `model = \"beam\"`",
+            ),
+            ("link_mm", table.link_mm.is_some(), &[springs], "`model = \"springs\"`"),
+            ("element_mm", table.element_mm.is_some(), &[beam], "`model = \"beam\"`"),
+            ("young_gpa", table.young_gpa.is_some(), &[beam], "`model = \"beam\"`"),
         ];
-        let idle = of_springs
-            .iter()
-            .find(|(_, given)| *given && table.model != NeedleModel::Springs);
-        if let Some((key, _)) = idle {
-            let found = format!("`{key}` of a needle that has no springs");
-            return Err(self.wrong_keys(format!("needle.{key}"), found, "`model = \"springs\"`"));
+        let idle = of_models
+            .into_iter()
+            .find(|(_, given, models, _)| *given && !models.contains(&table.model));
+        if let Some((key, _, _, expected)) = idle {
+            let found = format!("`{key}` of a needle that has no use for it");
+            return Err(self.wrong_keys(format!("needle.{key}"), found, expected));
         }
         if table.bevel.is_some() && table.model == NeedleModel::Constrained {
             let found = "`bevel` of a needle whose bending is constrained";
-            return Err(self.wrong_keys("needle.bevel", found, "`model = \"rigid\"` or `model = \"springs\"`"));
+            let expected = "`model = \"rigid\"`, `model = \"springs\"` or `model = \"beam\"`";
+            return Err(self.wrong_keys("needle.bevel", found, expected));
         }
         if table.bending.is_some() && table.model != NeedleModel::Constrained {
             let found = "`bending` of a needle that is not constrained";
             return Err(self.wrong_keys("needle.bending", found, "`model = \"constrained\"`"));
         }
         let usual = match table.model {
-            NeedleModel::Springs => SPRINGS_MM,
+            NeedleModel::Springs | NeedleModel::Beam => SPRINGS_MM,
             _ => [DEFAULT_LENGTH_MM, DEFAULT_DIAMETER_MM],
         };
         let within = |key: &'static str, found: f64, [low, high]: [f64; 2], expected| {
@@ -136,6 +160,7 @@ impl ScenarioFile {
                 Ok(Bending::Constrained(constraint))
             }
             NeedleModel::Springs => self.springs(table, length_mm),
+            NeedleModel::Beam => self.beam(table, length_mm),
         }
     }
 
@@ -166,6 +191,34 @@ impl ScenarioFile {
         Ok(Bending::Springs {
             stiffness_nmm2,
             link_mm,
+            bevel: table.bevel,
+        })
+    }
+
+    fn beam(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        if table.young_gpa.is_some() && table.bending_stiffness_nmm2.is_some() {
+            let found = "both `young_gpa` and `bending_stiffness_nmm2`";
+            return Err(self.wrong_keys("needle.young_gpa", found, "one of them"));
+        }
+        let above = |key: &str, found: f64| {
+            let key = format!("needle.{key}");
+            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
+        };
+        let stiffness_nmm2 = match (table.bending_stiffness_nmm2, table.young_gpa) {
+            (Some(stiffness), _) => above("bending_stiffness_nmm2", stiffness)?,
+            (None, Some(young)) => {
+                let diameter = table.diameter_mm.unwrap_or(SPRINGS_MM[1]);
+                bending_stiffness_nmm2(above("young_gpa", young)?, diameter)
+            }
+            (None, None) => KAPPA_NMM_PER_DEG.to_degrees() * LINK_MM,
+        };
+        let element_mm = table.element_mm.unwrap_or(needle::ELEMENT_MM.min(length_mm));
+        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
+        let expected = "0.5 to 100 mm, at most the needle's length";
+        let element_mm = self.number("needle.element_mm", element_mm, range, expected)?;
+        Ok(Bending::Beam {
+            stiffness_nmm2,
+            element_mm,
             bevel: table.bevel,
         })
     }
