@@ -2,6 +2,7 @@
 
 mod insertion;
 mod history;
+mod beam;
 mod remesh;
 
 use std::path::PathBuf;
@@ -22,6 +23,7 @@ pub struct Tradeoff {
 #[derive(Subcommand)]
 enum Study {
     Insertion(insertion::Insertion),
+    Beam(beam::Beam),
     Remesh(remesh::Remesh),
     History(history::History),
 }
@@ -30,6 +32,7 @@ impl Tradeoff {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.study {
             Study::Insertion(insertion) => insertion.run(),
+            Study::Beam(beam) => beam.run(),
             Study::Remesh(remesh) => remesh.run(),
             Study::History(history) => history.run(),
         }

@@ -7,11 +7,13 @@
 //! | module | what it studies |
 //! |---|---|
 //! | [`insertion`] | needle insertions: levels, bevels, models, candidates of the probe, links |
+//! | [`beam`] | the needle as a beam in tissue |
 //! | [`remesh`] | levels of remeshing |
 //! | [`history`] | rules of fading memory |
 
 pub mod insertion;
 pub mod history;
+pub mod beam;
 pub mod remesh;
 mod render;
 #[cfg(test)]

@@ -1,0 +1,76 @@
+//! What the choices in a beam on a hyperelastic foundation do to the needle, and cost: length of elements, friction, and material and
+//! compression model. The last is the study of figures 7 and 8 of the flexible needle bending model paper, where the truth was
+//! measured; here it is this program's own fine solution, so that nothing but the choice differs.
+
+mod elements;
+mod friction;
+mod models;
+#[cfg(test)]
+mod tests;
+
+use super::{Axis, Factor, Study};
+use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, Shape};
+use crate::study::beam::INITIAL_LENGTH_MM;
+use crate::study::machine::Machine;
+
+/// Elements of what counts as the truth, mm.
+const FINE_MM: f64 = 0.1;
+
+const fn factor(key: &'static str, label: &'static str) -> Factor {
+    Factor { key, label }
+}
+
+const fn axis(key: &'static str, heading: &'static str, label: &'static str, log: bool) -> Axis {
+    Axis {
+        key,
+        heading,
+        label,
+        log,
+    }
+}
+
+/// Studies all of it.
+///
+/// # Errors
+/// [`BeamError`] of a needle without a shape.
+pub fn study() -> Result<Study, BeamError> {
+    let tables = vec![elements::table()?, friction::table()?, models::table()?];
+    Ok(Study {
+        name: "tradeoff-beam",
+        about: vec![
+            ("needle", "steel, 200 GPa, 1 mm".to_owned()),
+            (
+                "tissue",
+                "PVC: Ogden, mu 12.72 kPa, alpha -1; PSM: Ogden, mu 3.63 kPa, alpha 8.74".to_owned(),
+            ),
+            (
+                "initial length of the tissue",
+                format!("{INITIAL_LENGTH_MM} mm where not said otherwise, assumed"),
+            ),
+            (
+                "truth",
+                format!("elements of {FINE_MM} mm; of the models: UEng for PVC and UTru for PSM"),
+            ),
+        ],
+        machine: Machine::here(),
+        tables,
+        figures: [elements::figures(), friction::figures(), models::figures()].concat(),
+        notes: vec![
+            "models: every model is driven with the base motion that a free base takes in the true one".to_owned(),
+            "errors below 1e-11 mm are rounding".to_owned(),
+        ],
+    })
+}
+
+fn solve(problem: &Problem, base: &Base) -> Result<Shape, BeamError> {
+    FoundationBeam::new(problem)?.solve(base)
+}
+
+/// Largest distance between two shapes of the same needle at the points of the first, mm.
+fn apart(shape: &Shape, other: &Shape) -> f64 {
+    let apart = shape
+        .points
+        .iter()
+        .map(|point| (point.u_mm - other.at(point.x_mm)[0]).abs());
+    apart.fold(0.0, f64::max)
+}

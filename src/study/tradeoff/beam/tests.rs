@@ -1,0 +1,52 @@
+use super::*;
+use crate::study::tradeoff::{Row, Table};
+
+fn value(table: &Table, row: &Row, key: &str) -> f64 {
+    row.values[table.axis(key).expect("an axis")].expect("a value")
+}
+
+#[test]
+fn choices_are_measured_against_the_fine_needle() {
+    let study = study().expect("a study");
+    let [elements, friction, models] = &study.tables[..] else {
+        panic!("three tables");
+    };
+    assert!(
+        study
+            .tables
+            .iter()
+            .flat_map(|table| &table.rows)
+            .all(|row| row.flag.is_none())
+    );
+    // Of fourth order: shorter elements, smaller errors, by ten or more from 5 to 1 mm.
+    for case in elements.rows.chunks(5) {
+        let errors: Vec<f64> = case[..4].iter().map(|row| value(elements, row, "error_mm")).collect();
+        assert!(
+            errors.is_sorted_by(|a, b| a > b) && errors[2] < 0.1 * errors[0],
+            "{errors:?}"
+        );
+        assert!(errors[2] < 1e-4, "{errors:?}");
+    }
+    // Friction moves the needle the more the steeper it is; without it nothing moves.
+    for rows in friction.rows.chunks(5) {
+        let moved: Vec<f64> = rows.iter().map(|row| value(friction, row, "shape_mm")).collect();
+        assert!(moved[0] == 0.0 && moved.is_sorted_by(|a, b| a < b), "{moved:?}");
+    }
+    // The right model errs by its elements alone, any other by more, and swapped parameters the more the deeper the needle is.
+    let right = |row: &&Row| {
+        row.choices[2] == "right" && [["PVC", "UEng"], ["PSM", "UTru"]].contains(&[&row.choices[0], &row.choices[1]])
+    };
+    for row in &models.rows {
+        let error = value(models, row, "largest_mm");
+        assert!(right(&row) == (error < 1e-5), "{row:?}");
+    }
+    for tissue in ["PVC", "PSM"] {
+        let swapped = models
+            .rows
+            .iter()
+            .filter(|row| row.choices[0] == tissue && row.choices[2] == "swapped");
+        let swapped = swapped.filter(|row| row.choices[1] == "UTru");
+        let errors: Vec<f64> = swapped.map(|row| value(models, row, "median_mm")).collect();
+        assert!(errors.len() == 3 && errors.is_sorted(), "{errors:?}");
+    }
+}
