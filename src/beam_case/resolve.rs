@@ -183,6 +183,19 @@ impl Case {
         self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
     }
 
+    /// What the elements leave: the largest difference (mm) that elements of half the length make to a shape of this case. None if
+    /// there can be none.
+    pub fn element_error_mm(&self, shape: &Shape) -> Option<f64> {
+        let mut finer = self.problem.clone();
+        finer.element_mm /= 2.0;
+        let finer = FoundationBeam::new(&finer).ok()?.solve(&self.base).ok()?;
+        let apart = shape
+            .points
+            .iter()
+            .map(|point| (point.u_mm - finer.at(point.x_mm)[0]).abs());
+        Some(apart.fold(0.0, f64::max))
+    }
+
     /// Finds the base motion that brings about what is wanted, and the shape of the needle then.
     ///
     /// # Errors

@@ -86,6 +86,26 @@ fn a_free_base_and_one_that_stays_have_their_centres_or_none() {
     assert_eq!(number(&still, "tip_mm"), 0.0);
 }
 
+/// Tissue that stiffens a million times within a few elements.
+#[test]
+fn elements_that_are_too_long_are_told() {
+    let bench = bench();
+    let steep = CASE.replace("\"UTru\"", "\"CTru\"").replace("= 50.0", "= 20.0");
+    let steep = steep.replace("control_distance_mm = 20.0", "control_distance_mm = 0.0");
+    bench.write("steep.toml", &steep);
+    let run = bench.run("beam steep.toml --json");
+    assert!(
+        run.json()["tip_mm"].is_number() && run.stderr.contains("use shorter ones"),
+        "{run:?}"
+    );
+    bench.write("fine.toml", &steep.replace("element_mm = 1.0", "element_mm = 0.1"));
+    let run = bench.run("beam fine.toml");
+    assert!(
+        run.text().contains("elements     leave") && !run.stderr.contains("shorter"),
+        "{run:?}"
+    );
+}
+
 #[test]
 fn the_example_runs_and_the_schema_knows_its_keys() {
     let bench = Bench::new();
@@ -112,9 +132,9 @@ fn bad_cases_are_refused_with_their_line() {
     for (from, to, line, words) in [
         ("alpha = 8.74", "alpha = 0", 14, "found 0"),
         ("alpha = 8.74\n", "", 10, "no `alpha`"),
-        ("c01_kpa = 1.0", "c01_kpa = -3.5", 21, "c10_kpa"),
+        ("c01_kpa = 1.0", "c01_kpa = -3.5", 22, "c10_kpa"),
         ("friction = 0.1", "friktion = 0.1", 17, "friktion"),
-        ("\"CTru\"", "\"ctrue\"", 22, "ctrue"),
+        ("\"CTru\"", "\"ctrue\"", 23, "ctrue"),
         ("element_mm = 1.0", "element_mm = 1e-9", 9, "100000"),
         ("diameter_mm = 1.0", "diameter_mm = 1.0\ninserted_mm = 99", 4, "60"),
         ("slope = -0.4", "slope = \"steep\"", 7, "steep"),

@@ -10,6 +10,9 @@ use insonify::study::plot::Plot;
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
 
+/// Elements that leave more than this are too long, mm.
+const COARSE_MM: f64 = 1e-3;
+
 /// Tissue compressed to less than this share of its length is beyond what its models were fitted to.
 const FAR: f64 = 0.3;
 
@@ -42,6 +45,13 @@ impl Bend {
                 "tissue is compressed to {ratio:.3} of its length: materials are seldom measured there"
             ));
         }
+        let error_mm = case.element_error_mm(&shape);
+        if let Some(error) = error_mm.filter(|error| *error > COARSE_MM) {
+            let element = case.problem.element_mm;
+            terminal::warn(format_args!(
+                "elements of {element} mm leave {error:.1e} mm (elements of half the length differ by that): use shorter ones"
+            ));
+        }
         if let Some(output) = &self.output {
             draw(output, &plot(&case, &shape))?;
         }
@@ -49,7 +59,8 @@ impl Bend {
         if self.json {
             terminal::emit_json(&report)
         } else {
-            terminal::emit(&report.to_string())
+            let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
+            terminal::emit(&(left + &report.to_string()))
         }
     }
 }

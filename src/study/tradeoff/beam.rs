@@ -1,10 +1,12 @@
 //! What the choices in a beam on a hyperelastic foundation do to the needle, and cost: length of elements, friction, and material and
 //! compression model. The last is the study of figures 7 and 8 of the flexible needle bending model paper, where the truth was
 //! measured; here it is this program's own fine solution, so that nothing but the choice differs.
+//! Last, springs and beam as models of a needle in insertion.
 
 mod elements;
 mod friction;
 mod models;
+mod needles;
 #[cfg(test)]
 mod tests;
 
@@ -34,7 +36,12 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str, log
 /// # Errors
 /// [`BeamError`] of a needle without a shape.
 pub fn study() -> Result<Study, BeamError> {
-    let tables = vec![elements::table()?, friction::table()?, models::table()?];
+    let tables = vec![
+        elements::table()?,
+        friction::table()?,
+        models::table()?,
+        needles::table()?,
+    ];
     Ok(Study {
         name: "tradeoff-beam",
         about: vec![
@@ -54,7 +61,13 @@ pub fn study() -> Result<Study, BeamError> {
         ],
         machine: Machine::here(),
         tables,
-        figures: [elements::figures(), friction::figures(), models::figures()].concat(),
+        figures: [
+            elements::figures(),
+            friction::figures(),
+            models::figures(),
+            needles::figures(),
+        ]
+        .concat(),
         notes: vec![
             "models: every model is driven with the base motion that a free base takes in the true one".to_owned(),
             "errors below 1e-11 mm are rounding".to_owned(),

@@ -31,7 +31,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
     let cases = [
         ("PVC", pvc.material, pvc.compression, 50.0),
         ("PSM", psm.material, psm.compression, 50.0),
-        ("PSM, CTru, 20 mm of tissue", psm.material, Compression::CTru, 20.0),
+        ("PSM, CTru, t0 20 mm", psm.material, Compression::CTru, 20.0),
     ];
     for (name, material, compression, initial_length_mm) in cases {
         let of = |element_mm: f64| {

@@ -20,9 +20,9 @@ pub(super) fn table() -> Result<Table, BeamError> {
             "median_mm",
             "median mm",
             "error of the tip (median over base motions), mm",
-            true,
+            false,
         ),
-        axis("largest_mm", "largest mm", "error of the tip (largest), mm", true),
+        axis("largest_mm", "largest mm", "error of the tip (largest), mm", false),
     ];
     let factors = [
         factor("tissue", "tissue"),

@@ -8,8 +8,8 @@ fn value(table: &Table, row: &Row, key: &str) -> f64 {
 #[test]
 fn choices_are_measured_against_the_fine_needle() {
     let study = study().expect("a study");
-    let [elements, friction, models] = &study.tables[..] else {
-        panic!("three tables");
+    let [elements, friction, models, needles] = &study.tables[..] else {
+        panic!("four tables");
     };
     assert!(
         study
@@ -27,7 +27,7 @@ fn choices_are_measured_against_the_fine_needle() {
         );
         assert!(errors[2] < 1e-4, "{errors:?}");
     }
-    // Friction moves the needle the more the steeper it is; without it nothing moves.
+    // The more friction, the more it moves the needle; without it nothing moves.
     for rows in friction.rows.chunks(5) {
         let moved: Vec<f64> = rows.iter().map(|row| value(friction, row, "shape_mm")).collect();
         assert!(moved[0] == 0.0 && moved.is_sorted_by(|a, b| a < b), "{moved:?}");
@@ -48,5 +48,13 @@ fn choices_are_measured_against_the_fine_needle() {
         let swapped = swapped.filter(|row| row.choices[1] == "UTru");
         let errors: Vec<f64> = swapped.map(|row| value(models, row, "median_mm")).collect();
         assert!(errors.len() == 3 && errors.is_sorted(), "{errors:?}");
+    }
+    // Both models of a needle converge to the same, with the square of the length of their parts.
+    for rows in [0, 1].map(|model| needles.rows.iter().skip(model).step_by(2)) {
+        let errors: Vec<f64> = rows.map(|row| value(needles, row, "error_mm")).collect();
+        assert!(
+            errors.is_sorted_by(|a, b| a > b) && errors[4] < 0.01 * errors[0],
+            "{errors:?}"
+        );
     }
 }

@@ -1,0 +1,114 @@
+//! Springs against the beam as models of a needle in insertion: error of the bent shape, and time of a call.
+
+use std::time::Instant;
+
+use faer::Mat;
+use nalgebra::{Isometry3, Vector3};
+
+use super::{axis, factor};
+use crate::mechanics::needle::{
+    Cantilever, CentreLine, InvalidNeedleModel, Load, Needle, Row, Shaft, Springs, Stiffness,
+};
+use crate::study::spread::Spread;
+use crate::study::tradeoff::{Figure, Table};
+
+const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
+/// Elements of the needle that counts as the truth, mm.
+const FINE_MM: f64 = 0.25;
+/// Contacts along the inserted half of the needle, each pushing as tissue does: one way near the entry, the other at the tip.
+const CONTACTS: usize = 20;
+/// Calls that are timed.
+const REPEATS: usize = 41;
+/// Calls after which levers follow the bent shape.
+const CALLS: usize = 60;
+
+pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
+    let axes = [
+        axis("length_mm", "length mm", "length of a link or an element, mm", true),
+        axis(
+            "median_ms",
+            "ms",
+            "time of shape and flexibility at 20 contacts (median), ms",
+            true,
+        ),
+        axis("error_mm", "error mm", "largest error of the shaft, mm", true),
+        axis("tip_mm", "tip mm", "error of the tip, mm", true),
+    ];
+    let factors = [factor("model", "needle"), factor("length", "link or element")];
+    let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
+    let mut table = Table::new("needles", title, &factors, &axes);
+    let beam = |length| Cantilever::new(Shaft::default(), Stiffness::default(), length, None);
+    let truth = bent(&mut beam(FINE_MM)?);
+    for length in LENGTHS_MM {
+        let springs = Springs::new(Shaft::default(), Stiffness::default(), length, None)?;
+        let models: [(&str, Box<dyn Needle>); 2] = [("springs", Box::new(springs)), ("beam", Box::new(beam(length)?))];
+        for (name, mut needle) in models {
+            let line = bent(&mut *needle);
+            let away = (0..=200).map(|arc| {
+                let [found, expected] = [&line, &truth].map(|line| line.at(f64::from(arc)).point_mm);
+                (found - expected).norm()
+            });
+            let error = away.fold(0.0, f64::max);
+            let tip = (line.tip() - truth.tip()).norm();
+            let values = vec![Some(length), time(&mut *needle, line), Some(error), Some(tip)];
+            table.push(vec![name.to_owned(), format!("{length} mm")], values, None);
+        }
+    }
+    table.mark_front("median_ms", "error_mm", "model");
+    Ok(table)
+}
+
+fn loads() -> Vec<Load> {
+    let load = |at: usize| {
+        let share = at as f64 / (CONTACTS - 1) as f64;
+        Load {
+            arc_mm: 100.0 + 100.0 * share,
+            force_n: Vector3::new(0.05 - 0.08 * share, 0.002, -0.002),
+        }
+    };
+    (0..CONTACTS).map(load).collect()
+}
+
+/// The shape under the loads, levers and all.
+fn bent(needle: &mut dyn Needle) -> CentreLine {
+    let (loads, mut line) = (loads(), CentreLine::default());
+    for _ in 0..CALLS {
+        needle.place(&Isometry3::identity(), None, &loads, &mut line);
+    }
+    line
+}
+
+/// Median time of a shape and its flexibility, ms.
+fn time(needle: &mut dyn Needle, mut line: CentreLine) -> Option<f64> {
+    let loads = loads();
+    let rows = loads.iter().flat_map(|load| {
+        [Vector3::x(), Vector3::y()].map(|direction| Row {
+            arc_mm: load.arc_mm,
+            direction,
+        })
+    });
+    let rows: Vec<Row> = rows.collect();
+    let mut out = Mat::zeros(rows.len(), rows.len());
+    let times = (0..REPEATS).map(|_| {
+        let start = Instant::now();
+        needle.place(&Isometry3::identity(), None, &loads, &mut line);
+        needle.flexibility(&line, &rows, &mut out);
+        start.elapsed().as_secs_f64() * 1e3
+    });
+    Spread::of(times.collect()).map(|spread| spread.median_ms)
+}
+
+pub(super) fn figures() -> Vec<Figure> {
+    vec![Figure {
+        file: "beam-needles".to_owned(),
+        title: "Springs and beam: what accuracy costs".to_owned(),
+        table: "needles",
+        x: "median_ms",
+        y: "error_mm",
+        colour: "model",
+        marker: vec!["length"],
+        only: Vec::new(),
+        joined: false,
+        front: true,
+    }]
+}
