@@ -16,6 +16,7 @@
 //! | [`frames`] | the axes of a contact node |
 //! | [`condensed`] | the compliance of the contact nodes |
 //! | [`switching`] | forces or displacements prescribed at contacts |
+//! | [`nonlinear`] | tissue that stiffens with strain, in triangles and tetrahedra |
 //! | [`problem`] | a static problem, checked and solved |
 //! | [`remesh`] | moves of reference nodes, and the compliance that follows them |
 //! | [`viscoelastic`] | fractional integrals and derivatives of a history |
@@ -31,6 +32,7 @@ pub mod factor;
 pub mod frames;
 pub mod inverse;
 pub mod material;
+pub mod nonlinear;
 pub mod problem;
 pub mod remesh;
 pub mod rigid;

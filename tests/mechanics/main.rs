@@ -2,6 +2,7 @@
 
 mod beam;
 mod insertion;
+mod nonlinear;
 mod remesh;
 mod statics;
 mod viscoelastic;

@@ -8,18 +8,46 @@ mod scratch;
 use std::sync::Arc;
 
 use faer::linalg::cholesky::llt::factor::LltError;
-use faer::sparse::FaerError;
+use faer::sparse::{FaerError, SparseColMatRef};
 use faer::sparse::linalg::cholesky::{
     LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::{Conj, MatMut, Par, Side};
 
 use super::assembly::Stiffness;
-use super::dofs::Dofs;
 use scratch::Scratch;
 
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
 pub const REFINE_ABOVE: f64 = 1e-14;
+
+/// A sparse symmetric matrix over free degrees of freedom, which a [`Factor`] can be made of.
+pub trait Symmetric {
+    /// The lower triangle, rows ascending in each column.
+    fn lower(&self) -> SparseColMatRef<'_, u32, f64>;
+
+    /// Node and axis of a degree of freedom, for errors that name it.
+    fn node_of(&self, dof: u32) -> (u32, u8);
+}
+
+impl Symmetric for Stiffness {
+    fn lower(&self) -> SparseColMatRef<'_, u32, f64> {
+        Stiffness::lower(self)
+    }
+
+    fn node_of(&self, dof: u32) -> (u32, u8) {
+        self.dofs().node_of(dof)
+    }
+}
+
+impl<T: Symmetric> Symmetric for Arc<T> {
+    fn lower(&self) -> SparseColMatRef<'_, u32, f64> {
+        (**self).lower()
+    }
+
+    fn node_of(&self, dof: u32) -> (u32, u8) {
+        (**self).node_of(dof)
+    }
+}
 
 /// The factor L of K = L L^T, kept with its symbolic analysis so that other values can take the place of the first.
 ///
@@ -87,9 +115,9 @@ impl Factor {
     ///
     /// # Errors
     /// [`FactorError`] where it is not positive definite or does not fit into memory.
-    pub fn new(stiffness: &Stiffness) -> Result<Factor, FactorError> {
-        let size = stiffness.dofs().free();
-        let pattern = stiffness.pattern();
+    pub fn new(stiffness: &impl Symmetric) -> Result<Factor, FactorError> {
+        let size = stiffness.lower().ncols();
+        let pattern = stiffness.lower().symbolic();
         let ordering = SymmetricOrdering::Amd;
         let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, ordering, Default::default())
             .map_err(|_: FaerError| FactorError::Memory { size, bytes: None })?;
@@ -108,7 +136,7 @@ impl Factor {
     ///
     /// # Errors
     /// [`FactorError`]; the factor is then what it was.
-    pub fn refactor(&mut self, stiffness: &Stiffness) -> Result<(), FactorError> {
+    pub fn refactor(&mut self, stiffness: &impl Symmetric) -> Result<(), FactorError> {
         self.check_pattern(stiffness)?;
         let length = self.symbolic.len_val();
         let memory = FactorError::Memory {
@@ -136,7 +164,7 @@ impl Factor {
         });
         match result {
             None => Err(memory),
-            Some(Err(LltError::NonPositivePivot { index })) => Err(self.bad_pivot(stiffness.dofs(), index)),
+            Some(Err(LltError::NonPositivePivot { index })) => Err(self.bad_pivot(stiffness, index)),
             Some(Ok(())) => {
                 std::mem::swap(&mut self.values, &mut self.spare);
                 Ok(())
@@ -144,8 +172,9 @@ impl Factor {
         }
     }
 
-    fn check_pattern(&self, stiffness: &Stiffness) -> Result<(), FactorError> {
-        let (found, found_entries) = (stiffness.dofs().free(), stiffness.pattern().row_idx().len());
+    fn check_pattern(&self, stiffness: &impl Symmetric) -> Result<(), FactorError> {
+        let lower = stiffness.lower();
+        let (found, found_entries) = (lower.ncols(), lower.row_idx().len());
         let (expected, expected_entries) = (self.size(), self.entries);
         if (found, found_entries) == (expected, expected_entries) {
             return Ok(());
@@ -159,7 +188,7 @@ impl Factor {
     }
 
     /// Names the degree of freedom of a pivot of the permuted matrix.
-    fn bad_pivot(&self, dofs: &Dofs, index: usize) -> FactorError {
+    fn bad_pivot(&self, stiffness: &impl Symmetric, index: usize) -> FactorError {
         // faer counts columns from 1 in the simplicial factorisation, from 0 in the supernodal one.
         let column = match self.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(_) => index.saturating_sub(1),
@@ -169,7 +198,7 @@ impl Factor {
             Some(order) => order.arrays().0[column],
             None => column as u32,
         };
-        let (node, axis) = dofs.node_of(dof);
+        let (node, axis) = stiffness.node_of(dof);
         FactorError::NotPositiveDefinite { node, axis }
     }
 

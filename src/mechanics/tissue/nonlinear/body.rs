@@ -1,0 +1,269 @@
+//! A body of triangles or tetrahedra that stiffens with strain: its forces, and their derivatives.
+
+use super::law::{Stiffening, relative_strain};
+use super::simplex::{Simplex, dot};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::element::DegenerateElement;
+
+/// Newtons per square millimetre in a kilopascal.
+const NEWTON_PER_MM2: f64 = 1e-3;
+
+/// A mesh of simplices in its reference state, one material an element. Vectors over it have `D` entries a node.
+#[derive(Clone, Debug)]
+pub struct Body<const D: usize, const N: usize> {
+    nodes: Vec<[f64; D]>,
+    elements: Vec<[u32; N]>,
+    cells: Vec<Cell<D, N>>,
+}
+
+/// A body of triangles in plane strain.
+pub type Sheet = Body<2, 3>;
+
+/// A body of tetrahedra.
+pub type Solid = Body<3, 4>;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell<const D: usize, const N: usize> {
+    pub shape: Simplex<D, N>,
+    /// Lame parameters below the knee times the volume, N mm.
+    pub lambda: f64,
+    pub mu: f64,
+    law: Stiffening,
+}
+
+/// How an element answers at a state: what its tangent is made of.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Response<const D: usize> {
+    /// E over E0.
+    pub secant: f64,
+    /// The paper's tangent over E0.
+    pub scalar: f64,
+    /// Stress of the unstiffened element times volume times the slope of the secant, N mm.
+    pub rise: [[f64; D]; D],
+    /// Derivative of the relative strain by the strain.
+    pub normal: [[f64; D]; D],
+}
+
+/// Why a body cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidBody {
+    /// There is no element.
+    #[error("the body has no elements")]
+    Empty,
+    /// Not one material an element.
+    #[error("{found} materials for {expected} elements")]
+    Materials {
+        /// Materials given.
+        found: usize,
+        /// Elements.
+        expected: usize,
+    },
+    /// An element names a node that is not there.
+    #[error("element {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
+    Node {
+        /// Index of the element, from 0.
+        element: usize,
+        /// The node it names.
+        node: u32,
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// An element has no usable area or volume.
+    #[error("element {element}: {cause}")]
+    Element {
+        /// Index of the element, from 0.
+        element: usize,
+        /// What is wrong with it.
+        cause: DegenerateElement,
+    },
+    /// The thickness of a sheet is none.
+    #[error("the thickness is {found} mm; expected a finite number above 0")]
+    Thickness {
+        /// As given, mm.
+        found: f64,
+    },
+}
+
+impl Sheet {
+    /// A sheet of `thickness_mm` whose strain across it is none: `triangles` with their corners anticlockwise, one of `laws`
+    /// each. Forces on its nodes are those on the whole thickness.
+    ///
+    /// # Errors
+    /// [`InvalidBody`].
+    pub fn plane_strain(
+        nodes: Vec<[f64; 2]>,
+        triangles: Vec<[u32; 3]>,
+        laws: &[Stiffening],
+        thickness_mm: f64,
+    ) -> Result<Sheet, InvalidBody> {
+        if !(thickness_mm.is_finite() && thickness_mm > 0.0) {
+            return Err(InvalidBody::Thickness { found: thickness_mm });
+        }
+        Body::of(nodes, triangles, laws, thickness_mm)
+    }
+}
+
+impl Solid {
+    /// The body of a mesh, one of `laws` an element.
+    ///
+    /// # Errors
+    /// [`InvalidBody`].
+    pub fn tetrahedra(mesh: &TetMesh, laws: &[Stiffening]) -> Result<Solid, InvalidBody> {
+        Body::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
+    }
+}
+
+impl<const D: usize, const N: usize> Body<D, N> {
+    fn of(nodes: Vec<[f64; D]>, elements: Vec<[u32; N]>, laws: &[Stiffening], thickness: f64) -> Result<Self, InvalidBody> {
+        if elements.is_empty() {
+            return Err(InvalidBody::Empty);
+        }
+        if laws.len() != elements.len() {
+            return Err(InvalidBody::Materials {
+                found: laws.len(),
+                expected: elements.len(),
+            });
+        }
+        let cell = |(element, (corners, law)): (usize, (&[u32; N], &Stiffening))| {
+            let count = nodes.len();
+            if let Some(&node) = corners.iter().find(|node| **node as usize >= count) {
+                return Err(InvalidBody::Node {
+                    element,
+                    node,
+                    nodes: count,
+                });
+            }
+            let shape = Simplex::of(&corners.map(|node| nodes[node as usize]));
+            let shape = shape.map_err(|cause| InvalidBody::Element { element, cause })?;
+            let weight = NEWTON_PER_MM2 * shape.measure * thickness;
+            let [lambda, mu] = law.material().lame_kpa().map(|kpa| kpa * weight);
+            Ok(Cell {
+                shape,
+                lambda,
+                mu,
+                law: *law,
+            })
+        };
+        let cells = elements.iter().zip(laws).enumerate().map(cell).collect::<Result<_, InvalidBody>>()?;
+        Ok(Body { nodes, elements, cells })
+    }
+
+    /// Nodes in the reference state, mm.
+    pub fn nodes(&self) -> &[[f64; D]] {
+        &self.nodes
+    }
+
+    /// Node indices of the elements.
+    pub fn elements(&self) -> &[[u32; N]] {
+        &self.elements
+    }
+
+    pub(super) fn cells(&self) -> &[Cell<D, N>] {
+        &self.cells
+    }
+
+    /// The relative strain of each element under displacements (mm).
+    ///
+    /// # Panics
+    /// If there is not one entry a degree of freedom.
+    pub fn relative_strains(&self, displacement: &[f64]) -> Vec<f64> {
+        let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
+            let own = corners.map(|node| vector(displacement, node));
+            relative_strain(&cell.shape.strain(&own)).0
+        };
+        self.elements.iter().zip(&self.cells).map(strain).collect()
+    }
+
+    /// Forces that hold displacements `u`, and the response of each element: stress is E(e_r(u)) D epsilon(u - `offset`). Without
+    /// an offset this is the elastic body; with one, a body whose stress is that of a rate (see [`super::creep`]).
+    pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut [Response<D>]) {
+        forces.fill(0.0);
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
+            let own = corners.map(|node| vector(u, node));
+            let strain = cell.shape.strain(&own);
+            let (relative, deviator) = relative_strain(&strain);
+            let strained = match offset {
+                None => strain,
+                Some(offset) => {
+                    let rest: [[f64; D]; N] = corners.map(|node| vector(offset, node));
+                    let rest = std::array::from_fn(|a| std::array::from_fn(|axis| own[a][axis] - rest[a][axis]));
+                    cell.shape.strain(&rest)
+                }
+            };
+            let stress = cell.stress(&strained);
+            let (secant, slope) = (cell.law.secant(relative), cell.law.slope(relative));
+            // Where nothing is strained nothing stiffens: the direction in which it would does not matter.
+            let direction = if relative > 0.0 { 1.5 / relative } else { 0.0 };
+            *response = Response {
+                secant,
+                scalar: secant + slope * relative,
+                rise: stress.map(|row| row.map(|x| slope * x)),
+                normal: deviator.map(|row| row.map(|x| direction * x)),
+            };
+            add(forces, corners, &cell.shape.divergence(&stress.map(|row| row.map(|x| secant * x))));
+        }
+    }
+
+    /// Product of the consistent tangent with a change of displacement: stress changes by E(e_r) D d epsilon, and by the change
+    /// of E along D epsilon.
+    pub(super) fn consistent(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+        product.fill(0.0);
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
+            let strain = cell.shape.strain(&corners.map(|node| vector(change, node)));
+            let relative: f64 = (0..D).map(|i| dot(response.normal[i], strain[i])).sum();
+            let stress = cell.stress(&strain);
+            let stress = std::array::from_fn(|i| {
+                std::array::from_fn(|j| response.secant * stress[i][j] + relative * response.rise[i][j])
+            });
+            add(product, corners, &cell.shape.divergence(&stress));
+        }
+    }
+
+    /// Product of the paper's tangent with a change of displacement.
+    pub(super) fn scalar(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+        product.fill(0.0);
+        for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
+            let strain = cell.shape.strain(&corners.map(|node| vector(change, node)));
+            let stress = cell.stress(&strain).map(|row| row.map(|x| response.scalar * x));
+            add(product, corners, &cell.shape.divergence(&stress));
+        }
+    }
+}
+
+impl<const D: usize> Response<D> {
+    /// Of an element that is not strained.
+    pub const REST: Self = Response {
+        secant: 1.0,
+        scalar: 1.0,
+        rise: [[0.0; D]; D],
+        normal: [[0.0; D]; D],
+    };
+}
+
+impl<const D: usize, const N: usize> Cell<D, N> {
+    /// Stress below the knee times volume, N mm.
+    #[inline]
+    fn stress(&self, strain: &[[f64; D]; D]) -> [[f64; D]; D] {
+        let pressure = self.lambda * (0..D).map(|i| strain[i][i]).sum::<f64>();
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let shear = 2.0 * self.mu * strain[i][j];
+                if i == j { shear + pressure } else { shear }
+            })
+        })
+    }
+}
+
+#[inline]
+pub(super) fn vector<const D: usize>(all: &[f64], node: u32) -> [f64; D] {
+    let first = D * node as usize;
+    std::array::from_fn(|axis| all[first + axis])
+}
+
+#[inline]
+fn add<const D: usize, const N: usize>(sums: &mut [f64], corners: &[u32; N], forces: &[[f64; D]; N]) {
+    for (node, force) in corners.iter().zip(forces) {
+        let first = D * *node as usize;
+        sums[first..first + D].iter_mut().zip(force).for_each(|(sum, force)| *sum += force);
+    }
+}

@@ -1,0 +1,98 @@
+//! The generalised minimal residual method, preconditioned from the right (Y. Saad and M. H. Schultz, SIAM Journal on Scientific
+//! and Statistical Computing 7, 1986). The consistent tangent is not symmetric where tissue is both compressed and stiffening;
+//! the Cholesky factor of its symmetric part leaves little for this to do.
+
+/// The most directions; what is not solved by then is left to the next iteration around.
+const MOST: usize = 40;
+
+/// Vectors kept between solves.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Gmres {
+    basis: Vec<Vec<f64>>,
+    /// Columns of the triangular factor.
+    columns: Vec<Vec<f64>>,
+    preconditioned: Vec<f64>,
+}
+
+impl Gmres {
+    /// Solves A x = b to a residual of `tolerance` relative to b, which becomes x. `apply(x, y)` writes A x into y, `precondition`
+    /// turns a vector into about A^-1 times it. Returns how often A was applied.
+    pub fn solve(
+        &mut self,
+        rhs: &mut [f64],
+        tolerance: f64,
+        mut apply: impl FnMut(&[f64], &mut [f64]),
+        mut precondition: impl FnMut(&mut [f64]),
+    ) -> usize {
+        let norm = dot(rhs, rhs).sqrt();
+        // Nothing to solve, or nothing that can be.
+        if norm == 0.0 || !norm.is_finite() {
+            return 0;
+        }
+        self.preconditioned.resize(rhs.len(), 0.0);
+        self.vector(0, rhs.len());
+        self.basis[0].iter_mut().zip(rhs.iter()).for_each(|(v, b)| *v = b / norm);
+        let mut right = [0.0; MOST + 1];
+        right[0] = norm;
+        let mut rotations = [(1.0, 0.0); MOST];
+        let mut used = 0;
+        while used < MOST {
+            self.vector(used + 1, rhs.len());
+            self.preconditioned.copy_from_slice(&self.basis[used]);
+            precondition(&mut self.preconditioned);
+            let (old, new) = self.basis.split_at_mut(used + 1);
+            let next = &mut new[0];
+            apply(&self.preconditioned, next);
+            if self.columns.len() == used {
+                self.columns.push(vec![0.0; MOST + 1]);
+            }
+            let column = &mut self.columns[used];
+            for (entry, direction) in column.iter_mut().zip(old.iter()) {
+                *entry = dot(next, direction);
+                let share = *entry;
+                next.iter_mut().zip(direction).for_each(|(w, v)| *w -= share * v);
+            }
+            let left = dot(next, next).sqrt();
+            for (at, &(c, s)) in rotations[..used].iter().enumerate() {
+                (column[at], column[at + 1]) = (c * column[at] + s * column[at + 1], c * column[at + 1] - s * column[at]);
+            }
+            let length = column[used].hypot(left);
+            if length == 0.0 || !length.is_finite() {
+                break;
+            }
+            let (c, s) = (column[used] / length, left / length);
+            rotations[used] = (c, s);
+            column[used] = length;
+            right[used + 1] = -s * right[used];
+            right[used] *= c;
+            used += 1;
+            if right[used].abs() <= tolerance * norm || left == 0.0 {
+                break;
+            }
+            next.iter_mut().for_each(|w| *w /= left);
+        }
+        for at in (0..used).rev() {
+            right[at] /= self.columns[at][at];
+            for above in 0..at {
+                right[above] -= self.columns[at][above] * right[at];
+            }
+        }
+        rhs.fill(0.0);
+        for (share, direction) in right[..used].iter().zip(&self.basis) {
+            rhs.iter_mut().zip(direction).for_each(|(x, v)| *x += share * v);
+        }
+        precondition(rhs);
+        used
+    }
+
+    fn vector(&mut self, at: usize, length: usize) {
+        if self.basis.len() == at {
+            self.basis.push(Vec::new());
+        }
+        self.basis[at].resize(length, 0.0);
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

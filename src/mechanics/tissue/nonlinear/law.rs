@@ -1,0 +1,120 @@
+//! Isotropic tissue that stiffens above a knee of strain.
+
+use crate::mechanics::tissue::material::Material;
+
+/// Stress is the secant modulus times strain: sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the
+/// material's Poisson's ratio, and E(e_r) = E0 up to the knee e0, E0 (1 + a (e_r - e0)^2) above (Y. Kobayashi et al.,
+/// "Development of an integrated needle insertion system with image guidance and deformation simulation", Computerized Medical
+/// Imaging and Graphics 34, 2010, equations 7, 8 and 11). Small strains.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiffening {
+    material: Material,
+    knee: f64,
+    rate: f64,
+}
+
+/// Why numbers make no stiffening material.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidStiffening {
+    /// The knee is negative or no number.
+    #[error("knee_strain is {found}; expected 0 or more (inf for tissue that never stiffens)")]
+    Knee {
+        /// As given.
+        found: f64,
+    },
+    /// The rate of stiffening is negative or not finite.
+    #[error("stiffening is {found}; expected a finite number, 0 or more")]
+    Rate {
+        /// As given.
+        found: f64,
+    },
+}
+
+impl InvalidStiffening {
+    /// The key of the number that is wrong.
+    pub fn key(&self) -> &'static str {
+        match self {
+            InvalidStiffening::Knee { .. } => "knee_strain",
+            InvalidStiffening::Rate { .. } => "stiffening",
+        }
+    }
+}
+
+/// Relative strain over the shear of simple shear: e_r = sqrt(3)/2 gamma.
+pub const RELATIVE_IN_SHEAR: f64 = 0.866_025_403_784_438_6;
+
+impl Stiffening {
+    /// `material` below the relative strain `knee` (0 or more); above it stiffer by `rate` (0 or more) times the square of what
+    /// is above.
+    ///
+    /// # Errors
+    /// [`InvalidStiffening`], with the number.
+    pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, InvalidStiffening> {
+        if knee.is_nan() || knee < 0.0 {
+            return Err(InvalidStiffening::Knee { found: knee });
+        }
+        if !(rate.is_finite() && rate >= 0.0) {
+            return Err(InvalidStiffening::Rate { found: rate });
+        }
+        Ok(Stiffening { material, knee, rate })
+    }
+
+    /// A material that never stiffens.
+    pub const fn linear(material: Material) -> Stiffening {
+        Stiffening {
+            material,
+            knee: f64::INFINITY,
+            rate: 0.0,
+        }
+    }
+
+    /// The material below the knee.
+    pub const fn material(&self) -> &Material {
+        &self.material
+    }
+
+    /// The relative strain at which it begins to stiffen.
+    pub const fn knee(&self) -> f64 {
+        self.knee
+    }
+
+    /// How fast it stiffens: a in E0 (1 + a (e_r - e0)^2).
+    pub const fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// E over E0 at a relative strain.
+    #[inline]
+    pub fn secant(&self, relative: f64) -> f64 {
+        let above = (relative - self.knee).max(0.0);
+        1.0 + self.rate * above * above
+    }
+
+    /// Derivative of [`Self::secant`] by the relative strain.
+    #[inline]
+    pub fn slope(&self, relative: f64) -> f64 {
+        2.0 * self.rate * (relative - self.knee).max(0.0)
+    }
+
+    /// The paper's tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (its equation 15): the derivative of the stress
+    /// where strain grows in proportion, and an upper bound of it in other directions of pure shear.
+    #[inline]
+    pub fn tangent(&self, relative: f64) -> f64 {
+        self.secant(relative) + self.slope(relative) * relative
+    }
+}
+
+/// The relative strain e_r = sqrt(((e1 - e2)^2 + (e2 - e3)^2 + (e3 - e1)^2) / 2) of a strain (`D` = 2: plane strain, whose third
+/// principal strain is 0), and what of the strain is deviatoric, within its `D` axes. As a formula in invariants it needs no
+/// principal strains: e_r^2 = 3/2 e : e with e the deviator.
+#[inline]
+pub fn relative_strain<const D: usize>(strain: &[[f64; D]; D]) -> (f64, [[f64; D]; D]) {
+    let mean = (0..D).map(|i| strain[i][i]).sum::<f64>() / 3.0;
+    let mut deviator = *strain;
+    let mut square = (3 - D) as f64 * mean * mean;
+    for (i, row) in deviator.iter_mut().enumerate() {
+        row[i] -= mean;
+        square += row.iter().map(|x| x * x).sum::<f64>();
+    }
+    ((1.5 * square).sqrt(), deviator)
+}

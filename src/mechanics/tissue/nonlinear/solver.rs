@@ -1,0 +1,474 @@
+//! One increment after the other: loads, prescribed displacements and a contact in, balanced displacements out.
+
+mod linear;
+mod target;
+
+use std::sync::Arc;
+
+use super::anderson::Anderson;
+use super::body::{Body, Response};
+use super::error::NonlinearError;
+use super::supports::Supports;
+use super::tangent::Kind;
+use linear::Linear;
+pub use target::{Contact, Target};
+
+/// Iterations that leave more than this of the residual, each on average, have modified Newton-Raphson factor anew: a
+/// factorisation costs as much as some twenty solves, and twenty solves at this rate gain six digits.
+const SLOW: f64 = 0.5;
+
+/// Iterations with a factor before it is judged slow.
+const TRIAL: usize = 4;
+
+/// How often a full Newton step is halved at most.
+const HALVINGS: usize = 8;
+
+/// Which tangent an Euler step takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Slope {
+    /// The paper's: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
+    #[default]
+    Scalar,
+    /// The derivative of the law.
+    Consistent,
+}
+
+/// How an increment is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scheme {
+    /// One solve with the tangent at its start; what is out of balance is told, not iterated upon.
+    Euler {
+        /// The tangent.
+        slope: Slope,
+        /// Whether what the last increments left out of balance is added to this one; the paper's is not. With an offset of
+        /// displacements it always is.
+        corrected: bool,
+    },
+    /// Iterations with a factor of the scalar tangent that is kept as long as it serves.
+    Modified {
+        /// Iterations that the next is improved by (Anderson's acceleration): 0 for the plain method, which is the paper's.
+        memory: usize,
+    },
+    /// Iterations with the consistent tangent, factored at each.
+    #[default]
+    Newton,
+}
+
+impl Scheme {
+    /// Modified Newton-Raphson with the memory that it gains most by.
+    pub const MODIFIED: Scheme = Scheme::Modified { memory: 6 };
+}
+
+/// When an increment is solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// How.
+    pub scheme: Scheme,
+    /// The largest force out of balance over the largest force at a node so far. Default 1e-9.
+    pub tolerance: f64,
+    /// Iterations of an increment at most. Default 60; full Newton needs no more than ten where modified needs all.
+    pub iterations: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            scheme: Scheme::default(),
+            tolerance: 1e-9,
+            iterations: 60,
+        }
+    }
+}
+
+/// What an increment took.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Iterations: changes of the displacements.
+    pub iterations: usize,
+    /// Factorisations among them.
+    pub factorisations: usize,
+    /// Largest force out of balance over the largest force at a node, before each iteration and at the end.
+    pub residuals: Vec<f64>,
+}
+
+impl Progress {
+    /// The residual at the end.
+    pub fn residual(&self) -> f64 {
+        self.residuals.last().copied().unwrap_or(0.0)
+    }
+}
+
+/// A body, where it is held, and its state.
+#[derive(Clone, Debug)]
+pub struct Solver<const D: usize, const N: usize> {
+    body: Arc<Body<D, N>>,
+    supports: Supports<D>,
+    options: Options,
+    linear: Linear<D>,
+    state: State<D>,
+    /// The state before the iteration, or the increment.
+    before: State<D>,
+    start: State<D>,
+    /// Loads and contact force that the last increment ended with.
+    applied: Vec<f64>,
+    offset: Vec<f64>,
+    /// What an iteration changes: displacements, and the contact force.
+    change: Vec<f64>,
+    anderson: Anderson,
+    rest: Vec<f64>,
+    progress: Progress,
+    /// The largest force at a node so far, N.
+    peak: f64,
+}
+
+/// Displacements and what follows from them.
+#[derive(Clone, Debug)]
+struct State<const D: usize> {
+    displacement: Vec<f64>,
+    /// Forces that hold them.
+    forces: Vec<f64>,
+    responses: Vec<Response<D>>,
+    /// Force of the contact, N.
+    contact: f64,
+}
+
+impl<const D: usize> State<D> {
+    fn take(&mut self, other: &State<D>) {
+        self.displacement.copy_from_slice(&other.displacement);
+        self.forces.copy_from_slice(&other.forces);
+        self.responses.copy_from_slice(&other.responses);
+        self.contact = other.contact;
+    }
+}
+
+impl<const D: usize, const N: usize> Solver<D, N> {
+    /// A body at rest.
+    ///
+    /// # Errors
+    /// [`NonlinearError::TooLarge`], or a factor that memory does not hold or that is not positive definite: rigid motions are
+    /// free.
+    ///
+    /// # Panics
+    /// If the supports are those of another number of nodes.
+    pub fn new(body: Arc<Body<D, N>>, supports: Supports<D>, options: Options) -> Result<Self, NonlinearError> {
+        assert_eq!(body.nodes().len(), supports.nodes(), "supports of another body");
+        let all = supports.all();
+        let state = State {
+            displacement: vec![0.0; all],
+            forces: vec![0.0; all],
+            responses: vec![Response::REST; body.elements().len()],
+            contact: 0.0,
+        };
+        let linear = Linear::new(&body, &supports, &state.responses)?;
+        Ok(Solver {
+            linear,
+            options,
+            before: state.clone(),
+            start: state.clone(),
+            state,
+            applied: vec![0.0; all],
+            offset: vec![0.0; all],
+            change: vec![0.0; all + 1],
+            anderson: Anderson::default(),
+            rest: vec![0.0; supports.free().len()],
+            progress: Progress::default(),
+            peak: 0.0,
+            supports,
+            body,
+        })
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Arc<Body<D, N>> {
+        &self.body
+    }
+
+    /// Which degrees of freedom are free.
+    pub fn supports(&self) -> &Supports<D> {
+        &self.supports
+    }
+
+    /// Displacements, mm.
+    pub fn displacement(&self) -> &[f64] {
+        &self.state.displacement
+    }
+
+    /// Forces that hold the displacements, N: at free degrees of freedom the loads, at prescribed ones loads and reactions.
+    pub fn forces(&self) -> &[f64] {
+        &self.state.forces
+    }
+
+    /// Force of the contact along its direction, N; 0 without one.
+    pub fn contact_force(&self) -> f64 {
+        self.state.contact
+    }
+
+    /// What the last increment took.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Goes to the next loads, prescribed displacements and contact, from where the body is.
+    ///
+    /// # Errors
+    /// [`NonlinearError`]; the state is then as before.
+    pub fn step(&mut self, target: &Target<'_>) -> Result<&Progress, NonlinearError> {
+        target.check(&self.supports)?;
+        self.start.take(&self.state);
+        self.progress.iterations = 0;
+        self.progress.factorisations = 0;
+        self.progress.residuals.clear();
+        let result = self.advance(target);
+        if let Err(error) = result {
+            self.state.take(&self.start);
+            return Err(error);
+        }
+        self.peak = self.state.forces.iter().fold(self.peak, |a, force| a.max(force.abs()));
+        self.applied.copy_from_slice(target.loads);
+        if let Some(contact) = target.contact {
+            contact.add(self.state.contact, &mut self.applied);
+        }
+        Ok(&self.progress)
+    }
+
+    fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
+        if target.contact.is_none() {
+            self.state.contact = 0.0;
+        }
+        match target.offset {
+            Some(offset) => self.offset.copy_from_slice(offset),
+            None => self.offset.fill(0.0),
+        }
+        self.respond(target);
+        match self.options.scheme {
+            Scheme::Euler { slope, corrected } => self.euler(target, slope, corrected),
+            Scheme::Modified { memory } => self.modified(target, memory),
+            Scheme::Newton => self.newton(target),
+        }
+    }
+
+    fn euler(&mut self, target: &Target<'_>, slope: Slope, corrected: bool) -> Result<(), NonlinearError> {
+        let kind = match slope {
+            Slope::Scalar => Kind::Scalar,
+            Slope::Consistent => Kind::Consistent,
+        };
+        let residual = self.residual(target);
+        self.progress.residuals.push(residual);
+        self.factor(kind)?;
+        if !corrected && target.offset.is_none() {
+            // Only what the loads gain: the body is taken to balance those before.
+            for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
+                *rest = target.loads[dof as usize] - self.applied[dof as usize];
+            }
+            if let Some(contact) = target.contact {
+                contact.add_free(self.state.contact, &self.supports, &mut self.rest);
+            }
+        }
+        self.propose(target, kind)?;
+        self.change(target);
+        let residual = self.residual(target);
+        self.progress.residuals.push(residual);
+        self.finite(residual)
+    }
+
+    fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
+        let mut residual = self.residual(target);
+        let mut pending = self.pending(target);
+        // Whether the factor is that of this very state; iterations with it in this increment, and the residual before them.
+        let (mut own, mut tried, mut first) = (false, 0, residual);
+        self.anderson.clear();
+        loop {
+            self.progress.residuals.push(residual);
+            if residual <= self.options.tolerance && !pending {
+                return Ok(());
+            }
+            self.more(residual)?;
+            self.before.take(&self.state);
+            self.propose(target, Kind::Scalar)?;
+            if !pending {
+                self.anderson.improve(memory, &mut self.change);
+            }
+            self.change(target);
+            let mut next = self.residual(target);
+            // What is prescribed arrives at once, and may throw forces out of balance that were in it.
+            if pending {
+                (own, tried, first) = (false, 0, next);
+            } else if next > self.options.tolerance || next.is_nan() {
+                tried += 1;
+                let worse = next >= residual || next.is_nan();
+                if worse {
+                    self.anderson.clear();
+                }
+                if worse && own {
+                    next = self.backtrack(target, residual, next);
+                } else if worse && tried == 1 {
+                    self.state.take(&self.before);
+                }
+                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
+                if (worse && !own) || slow {
+                    self.factor(Kind::Scalar)?;
+                    self.anderson.clear();
+                    residual = self.residual(target);
+                    (own, tried, first) = (true, 0, residual);
+                    continue;
+                }
+                own = false;
+            }
+            self.finite(next)?;
+            (residual, pending) = (next, self.pending(target));
+        }
+    }
+
+    fn newton(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
+        let mut residual = self.residual(target);
+        let mut pending = self.pending(target);
+        loop {
+            self.progress.residuals.push(residual);
+            if residual <= self.options.tolerance && !pending {
+                return Ok(());
+            }
+            self.more(residual)?;
+            self.factor(Kind::Consistent)?;
+            self.before.take(&self.state);
+            self.propose(target, Kind::Consistent)?;
+            self.change(target);
+            let mut next = self.residual(target);
+            if !pending {
+                next = self.backtrack(target, residual, next);
+            }
+            self.finite(next)?;
+            (residual, pending) = (next, self.pending(target));
+        }
+    }
+
+    /// Half the way from the state before, as long as the whole way leads no nearer; the residual there.
+    fn backtrack(&mut self, target: &Target<'_>, residual: f64, mut next: f64) -> f64 {
+        for _ in 0..HALVINGS {
+            if next < residual || next <= self.options.tolerance {
+                break;
+            }
+            let half = |state: &mut f64, before: &f64| *state = 0.5 * (*state + before);
+            let pairs = self.state.displacement.iter_mut().zip(&self.before.displacement);
+            pairs.for_each(|(state, before)| half(state, before));
+            half(&mut self.state.contact, &self.before.contact);
+            self.respond(target);
+            next = self.residual(target);
+        }
+        next
+    }
+
+    /// A change of the displacements, and at its end of the contact force, by the factor at hand: what is prescribed and the contact
+    /// arrive where they shall.
+    fn propose(&mut self, target: &Target<'_>, kind: Kind) -> Result<(), NonlinearError> {
+        self.progress.iterations += 1;
+        self.change.fill(0.0);
+        for (&dof, value) in self.supports.prescribed().iter().zip(target.prescribed) {
+            self.change[dof as usize] = value - self.state.displacement[dof as usize];
+        }
+        // A Krylov solve need not be closer than Newton's error, which is squared by this iteration.
+        let closeness = self.progress.residual().clamp(1e-10, 1e-3);
+        let (body, supports) = (&*self.body, &self.supports);
+        let responses = &self.state.responses;
+        if self.change.iter().any(|change| *change != 0.0) {
+            self.linear.subtract(body, supports, responses, kind, &self.change[..supports.all()], &mut self.rest);
+        }
+        self.linear.solve(body, supports, responses, kind, closeness, &mut self.rest);
+        for (&dof, value) in supports.free().iter().zip(&self.rest) {
+            self.change[dof as usize] = *value;
+        }
+        let all = supports.all();
+        if let Some(contact) = target.contact {
+            let way = self.linear.way(body, supports, responses, kind, closeness, contact);
+            let compliance = contact.along_free(supports, way);
+            if compliance.is_nan() || compliance <= 0.0 {
+                return Err(NonlinearError::DeadContact);
+            }
+            let gap = contact.place_mm - contact.along(&self.state.displacement) - contact.along(&self.change);
+            let force = gap / compliance;
+            for (&dof, way) in supports.free().iter().zip(way) {
+                self.change[dof as usize] += force * way;
+            }
+            self.change[all] = force;
+        }
+        Ok(())
+    }
+
+    /// Makes the change proposed.
+    fn change(&mut self, target: &Target<'_>) {
+        let State {
+            displacement, contact, ..
+        } = &mut self.state;
+        let unknowns = displacement.iter_mut().chain([contact]);
+        unknowns.zip(&self.change).for_each(|(value, change)| *value += change);
+        self.respond(target);
+    }
+
+    fn respond(&mut self, target: &Target<'_>) {
+        let offset = target.offset.map(|_| &*self.offset);
+        let State {
+            displacement,
+            forces,
+            responses,
+            ..
+        } = &mut self.state;
+        self.body.respond(displacement, offset, forces, responses);
+    }
+
+    fn factor(&mut self, kind: Kind) -> Result<(), NonlinearError> {
+        self.progress.factorisations += 1;
+        self.linear.factor(&self.body, &self.state.responses, kind)
+    }
+
+    /// Writes the free forces out of balance into `rest`; how large they are, relative to the largest force so far. A body that is
+    /// let go has no forces but rounding to compare with.
+    fn residual(&mut self, target: &Target<'_>) -> f64 {
+        let largest = |all: &[f64]| all.iter().fold(0.0, |a: f64, x| if a.is_nan() || x.is_nan() { f64::NAN } else { a.max(x.abs()) });
+        for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
+            *rest = target.loads[dof as usize] - self.state.forces[dof as usize];
+        }
+        if let Some(contact) = target.contact {
+            contact.add_free(self.state.contact, &self.supports, &mut self.rest);
+        }
+        let left = largest(&self.rest);
+        if left == 0.0 {
+            return 0.0;
+        }
+        left / self.peak.max(largest(&self.state.forces)).max(largest(target.loads))
+    }
+
+    /// Whether something prescribed is not yet where it shall be.
+    fn pending(&self, target: &Target<'_>) -> bool {
+        let displacement = &self.state.displacement;
+        let mut prescribed = self.supports.prescribed().iter().zip(target.prescribed);
+        let away = |contact: &Contact| {
+            let place = contact.along(displacement);
+            (place - contact.place_mm).abs() > 1e-12 * (place.abs() + contact.place_mm.abs())
+        };
+        prescribed.any(|(&dof, value)| displacement[dof as usize] != *value) || target.contact.is_some_and(away)
+    }
+
+    fn more(&self, residual: f64) -> Result<(), NonlinearError> {
+        let Progress { iterations, .. } = self.progress;
+        if iterations < self.options.iterations {
+            return Ok(());
+        }
+        Err(NonlinearError::NotConverged {
+            iterations,
+            residual,
+            tolerance: self.options.tolerance,
+        })
+    }
+
+    fn finite(&self, residual: f64) -> Result<(), NonlinearError> {
+        if residual.is_finite() && self.state.displacement.iter().all(|u| u.is_finite()) {
+            Ok(())
+        } else {
+            Err(NonlinearError::Overflow {
+                iterations: self.progress.iterations,
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,135 @@
+//! The linear equations of an iteration.
+
+use super::super::body::{Body, Response};
+use super::super::error::NonlinearError;
+use super::super::gmres::Gmres;
+use super::super::supports::Supports;
+use super::super::tangent::{Kind, Tangent};
+use super::Contact;
+use crate::mechanics::tissue::factor::Factor;
+
+/// A tangent, its factor, and what solving with it needs.
+#[derive(Clone, Debug)]
+pub struct Linear<const D: usize> {
+    matrix: Tangent<D>,
+    factor: Factor,
+    gmres: Gmres,
+    /// How the free displacements answer a unit force of the contact, and of which contact.
+    way: Vec<f64>,
+    contact: Option<Contact>,
+    /// A change of all displacements, and its product with the tangent.
+    change: Vec<f64>,
+    product: Vec<f64>,
+}
+
+impl<const D: usize> Linear<D> {
+    pub fn new<const N: usize>(
+        body: &Body<D, N>,
+        supports: &Supports<D>,
+        responses: &[Response<D>],
+    ) -> Result<Self, NonlinearError> {
+        let mut matrix = Tangent::new(body.elements(), supports).map_err(|_| NonlinearError::TooLarge)?;
+        matrix.fill(body, responses, Kind::Scalar);
+        let factor = Factor::new(&matrix)?;
+        Ok(Linear {
+            matrix,
+            factor,
+            gmres: Gmres::default(),
+            way: vec![0.0; supports.free().len()],
+            contact: None,
+            change: vec![0.0; supports.all()],
+            product: vec![0.0; supports.all()],
+        })
+    }
+
+    /// Factors the tangent at a state.
+    pub fn factor<const N: usize>(
+        &mut self,
+        body: &Body<D, N>,
+        responses: &[Response<D>],
+        kind: Kind,
+    ) -> Result<(), NonlinearError> {
+        self.contact = None;
+        self.matrix.fill(body, responses, kind);
+        match self.factor.refactor(&self.matrix) {
+            // Far from balance the symmetric part need not be positive definite; the scalar tangent always is.
+            Err(error) if kind == Kind::Consistent && !is_memory(&error) => {
+                self.matrix.fill(body, responses, Kind::Scalar);
+                Ok(self.factor.refactor(&self.matrix)?)
+            }
+            other => Ok(other?),
+        }
+    }
+
+    /// Takes the product of the tangent with a change of all displacements from free forces.
+    pub fn subtract<const N: usize>(
+        &mut self,
+        body: &Body<D, N>,
+        supports: &Supports<D>,
+        responses: &[Response<D>],
+        kind: Kind,
+        change: &[f64],
+        rest: &mut [f64],
+    ) {
+        match kind {
+            Kind::Scalar => body.scalar(responses, change, &mut self.product),
+            Kind::Consistent => body.consistent(responses, change, &mut self.product),
+        }
+        for (rest, &dof) in rest.iter_mut().zip(supports.free()) {
+            *rest -= self.product[dof as usize];
+        }
+    }
+
+    /// Free forces become free displacements: by the factor alone for the scalar tangent, by as many products as it takes to come
+    /// to `closeness` for the consistent one.
+    pub fn solve<const N: usize>(
+        &mut self,
+        body: &Body<D, N>,
+        supports: &Supports<D>,
+        responses: &[Response<D>],
+        kind: Kind,
+        closeness: f64,
+        rest: &mut [f64],
+    ) {
+        if kind == Kind::Scalar {
+            self.factor.solve_in_place(rest);
+            return;
+        }
+        let (change, product, factor) = (&mut self.change, &mut self.product, &self.factor);
+        let apply = |x: &[f64], y: &mut [f64]| {
+            change.fill(0.0);
+            for (value, &dof) in x.iter().zip(supports.free()) {
+                change[dof as usize] = *value;
+            }
+            body.consistent(responses, change, product);
+            supports.gather(product, y);
+        };
+        self.gmres.solve(rest, closeness, apply, |x| factor.solve_in_place(x));
+    }
+
+    /// How the free displacements answer a unit force of the contact; with a kept factor it is kept too.
+    pub fn way<const N: usize>(
+        &mut self,
+        body: &Body<D, N>,
+        supports: &Supports<D>,
+        responses: &[Response<D>],
+        kind: Kind,
+        closeness: f64,
+        contact: &Contact,
+    ) -> &[f64] {
+        let known = self.contact.as_ref().is_some_and(|known| known.weights == contact.weights);
+        if !known || kind == Kind::Consistent {
+            let mut way = std::mem::take(&mut self.way);
+            way.fill(0.0);
+            contact.add_free(1.0, supports, &mut way);
+            self.solve(body, supports, responses, kind, closeness, &mut way);
+            self.way = way;
+            self.contact = Some(contact.clone());
+        }
+        &self.way
+    }
+}
+
+fn is_memory(error: &crate::mechanics::tissue::factor::FactorError) -> bool {
+    matches!(error, crate::mechanics::tissue::factor::FactorError::Memory { .. })
+}

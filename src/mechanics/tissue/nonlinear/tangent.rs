@@ -1,0 +1,148 @@
+//! Sparse symmetric tangents over the free degrees of freedom: the pattern found once, the values summed anew for each.
+
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+
+use super::body::{Body, Response};
+use super::simplex::dot;
+use super::supports::{NONE, Supports};
+use crate::mechanics::tissue::factor::Symmetric;
+
+/// Which matrix is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Element stiffnesses times the paper's scalar tangent.
+    Scalar,
+    /// The symmetric part of the consistent tangent.
+    Consistent,
+}
+
+/// The lower triangle of a tangent.
+#[derive(Clone, Debug)]
+pub(super) struct Tangent<const D: usize> {
+    pattern: SymbolicSparseColMat<u32>,
+    values: Vec<f64>,
+    /// For each element and each pair of its degrees of freedom, column by column of its lower triangle, the entry that it adds
+    /// to; [`NONE`] where one is prescribed.
+    places: Vec<u32>,
+    free: Vec<u32>,
+}
+
+/// More entries than 32-bit indices can name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct TooLarge;
+
+impl<const D: usize> Tangent<D> {
+    pub fn new<const N: usize>(elements: &[[u32; N]], supports: &Supports<D>) -> Result<Self, TooLarge> {
+        let size = supports.free().len();
+        let mut columns: Vec<Vec<u32>> = vec![Vec::new(); size];
+        for corners in elements {
+            each_pair(corners, supports, |pair| {
+                if let Some((row, column)) = pair {
+                    columns[column as usize].push(row);
+                }
+            });
+        }
+        let mut starts = Vec::with_capacity(size + 1);
+        let mut rows = Vec::new();
+        for column in &mut columns {
+            starts.push(rows.len() as u32);
+            column.sort_unstable();
+            column.dedup();
+            rows.extend_from_slice(column);
+            if rows.len() > i32::MAX as usize {
+                return Err(TooLarge);
+            }
+        }
+        starts.push(rows.len() as u32);
+        let mut places = Vec::with_capacity(elements.len() * (D * N * (D * N + 1)) / 2);
+        for corners in elements {
+            each_pair(corners, supports, |pair| {
+                places.push(pair.map_or(NONE, |(row, column)| {
+                    let first = starts[column as usize];
+                    let span = &rows[first as usize..starts[column as usize + 1] as usize];
+                    first + span.partition_point(|other| *other < row) as u32
+                }));
+            });
+        }
+        let values = vec![0.0; rows.len()];
+        Ok(Tangent {
+            pattern: SymbolicSparseColMat::new_checked(size, size, starts, None, rows),
+            values,
+            places,
+            free: supports.free().to_vec(),
+        })
+    }
+
+    /// Sums the tangent of a body whose elements respond so.
+    pub fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &[Response<D>], kind: Kind) {
+        self.values.fill(0.0);
+        let width = D * N;
+        let per_element = width * (width + 1) / 2;
+        let parts = body.cells().iter().zip(responses).zip(self.places.chunks_exact(per_element));
+        for ((cell, response), places) in parts {
+            let gradients = &cell.shape.gradients;
+            let stiffness = match kind {
+                Kind::Scalar => response.scalar,
+                Kind::Consistent => response.secant,
+            };
+            let (lambda, mu) = (stiffness * cell.lambda, stiffness * cell.mu);
+            let stiffens = kind == Kind::Consistent && response.rise.iter().flatten().any(|x| *x != 0.0);
+            let (rise, normal) = (cell.shape.divergence(&response.rise), cell.shape.divergence(&response.normal));
+            let mut places = places.iter();
+            for a in 0..N {
+                for i in 0..D {
+                    for b in a..N {
+                        let shear = mu * dot(gradients[a], gradients[b]);
+                        for j in if a == b { i } else { 0 }..D {
+                            let (ga, gb) = (gradients[a], gradients[b]);
+                            let mut entry = lambda * (ga[i] * gb[j]) + mu * (gb[i] * ga[j]);
+                            if i == j {
+                                entry += shear;
+                            }
+                            if stiffens {
+                                entry += 0.5 * (rise[a][i] * normal[b][j] + normal[a][i] * rise[b][j]);
+                            }
+                            if let Some(&place) = places.next()
+                                && place != NONE
+                            {
+                                self.values[place as usize] += entry;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Calls `visit` with row and column among the free degrees of freedom, in the order of [`Tangent::fill`]; none where one is
+/// prescribed.
+fn each_pair<const D: usize, const N: usize>(
+    corners: &[u32; N],
+    supports: &Supports<D>,
+    mut visit: impl FnMut(Option<(u32, u32)>),
+) {
+    let number = |corner: usize, axis: usize| supports.number(D * corners[corner] as usize + axis);
+    for a in 0..N {
+        for i in 0..D {
+            for b in a..N {
+                for j in if a == b { i } else { 0 }..D {
+                    let (row, column) = (number(a, i), number(b, j));
+                    let free = row != NONE && column != NONE;
+                    visit(free.then(|| (row.max(column), row.min(column))));
+                }
+            }
+        }
+    }
+}
+
+impl<const D: usize> Symmetric for Tangent<D> {
+    fn lower(&self) -> SparseColMatRef<'_, u32, f64> {
+        SparseColMatRef::new(self.pattern.as_ref(), &self.values)
+    }
+
+    fn node_of(&self, dof: u32) -> (u32, u8) {
+        let dof = self.free[dof as usize];
+        (dof / D as u32, (dof % D as u32) as u8)
+    }
+}

@@ -1,0 +1,7 @@
+//! Tissue that stiffens with strain against closed forms, and its schemes against each other.
+
+mod case;
+mod hand;
+mod knee;
+mod patch;
+mod schemes;
