@@ -1,6 +1,7 @@
 use faer::Mat;
 
 use super::*;
+use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 

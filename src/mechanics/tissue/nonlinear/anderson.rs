@@ -8,7 +8,10 @@ pub(super) struct Anderson {
     turns: Vec<Vec<f64>>,
     used: usize,
     last: Option<Last>,
+    /// Orthonormal directions that span the turns, the steps that go with them, and what of the change they do not explain.
     directions: Vec<Vec<f64>>,
+    moves: Vec<Vec<f64>>,
+    rest: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
@@ -42,6 +45,7 @@ impl Anderson {
                 self.steps.push(Vec::new());
                 self.turns.push(Vec::new());
                 self.directions.push(Vec::new());
+                self.moves.push(Vec::new());
             }
             self.steps[self.used].clone_from(&last.step);
             let turn = change.iter().zip(&last.proposal).map(|(now, before)| now - before);
@@ -65,35 +69,32 @@ impl Anderson {
 
     /// Takes from the change the combination of turns nearest to it, and of the steps that go with them.
     fn combine(&mut self, change: &mut [f64]) {
-        // Newest first: where turns depend on each other the newest count. Orthogonal directions span the turns; what is done to
-        // a turn is done to its step.
-        let count = self.used;
-        let mut moves: Vec<Vec<f64>> = Vec::with_capacity(count);
-        let mut rest = change.to_vec();
+        // Newest first: where turns depend on each other the newest count. What is done to a turn is done to its step.
+        self.rest.clear();
+        self.rest.extend_from_slice(change);
         let mut spanned = 0;
-        for at in (0..count).rev() {
-            let (mut direction, mut step) = (std::mem::take(&mut self.directions[spanned]), self.steps[at].clone());
+        for at in (0..self.used).rev() {
+            let (before, own) = self.directions.split_at_mut(spanned);
+            let (moves, step) = self.moves.split_at_mut(spanned);
+            let (direction, step) = (&mut own[0], &mut step[0]);
             direction.clone_from(&self.turns[at]);
-            let whole = dot(&direction, &direction);
-            for (other, by) in self.directions[..spanned].iter().zip(&moves) {
-                let share = dot(&direction, other);
-                subtract(&mut direction, share, other);
-                subtract(&mut step, share, by);
+            step.clone_from(&self.steps[at]);
+            let whole = dot(direction, direction);
+            for (other, by) in before.iter().zip(moves) {
+                let share = dot(direction, other);
+                subtract(direction, share, other);
+                subtract(step, share, by);
             }
-            let left = dot(&direction, &direction);
+            let left = dot(direction, direction);
             if left > NEW * NEW * whole {
                 let scale = 1.0 / left.sqrt();
                 direction.iter_mut().for_each(|x| *x *= scale);
                 step.iter_mut().for_each(|x| *x *= scale);
-                let share = dot(&rest, &direction);
-                subtract(&mut rest, share, &direction);
-                subtract(change, share, &direction);
-                subtract(change, share, &step);
-                self.directions[spanned] = direction;
-                moves.push(step);
+                let share = dot(&self.rest, direction);
+                subtract(&mut self.rest, share, direction);
+                subtract(change, share, direction);
+                subtract(change, share, step);
                 spanned += 1;
-            } else {
-                self.directions[spanned] = direction;
             }
         }
     }
