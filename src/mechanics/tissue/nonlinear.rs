@@ -16,10 +16,11 @@
 //!
 //! The secant law does not follow from an energy: where tissue is compressed as well as sheared its tangent is not symmetric,
 //! and Newton's equations are solved by GMRES, preconditioned with the factor of the tangent's symmetric part.
-//!
+//! [`creep`] adds fractional viscosity.
 
 mod anderson;
 mod body;
+pub mod creep;
 mod error;
 mod gmres;
 mod law;

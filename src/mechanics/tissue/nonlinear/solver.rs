@@ -208,6 +208,30 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         &self.progress
     }
 
+    /// How the body answers loads (N) while nothing is strained: displacements (mm) with every prescribed one 0, and the forces that
+    /// hold them. The state stays as it is.
+    ///
+    /// # Errors
+    /// [`NonlinearError`] for another number of loads or one that is not finite, or where the stiffness cannot be factored.
+    pub(super) fn at_rest(&mut self, loads: &[f64]) -> Result<(Vec<f64>, Vec<f64>), NonlinearError> {
+        target::list("loads", loads, self.supports.all())?;
+        let rest = vec![Response::REST; self.body.elements().len()];
+        self.linear.factor(&self.body, &rest, Kind::Scalar)?;
+        self.supports.gather(loads, &mut self.rest);
+        self.linear.solve(&self.body, &self.supports, &rest, Kind::Scalar, 0.0, &mut self.rest);
+        let mut displacement = vec![0.0; loads.len()];
+        for (&dof, value) in self.supports.free().iter().zip(&self.rest) {
+            displacement[dof as usize] = *value;
+        }
+        let mut forces = vec![0.0; loads.len()];
+        self.body.scalar(&rest, &displacement, &mut forces);
+        // On prescribed degrees of freedom loads add to what holds them; on free ones the loads are exact.
+        for &dof in self.supports.free() {
+            forces[dof as usize] = loads[dof as usize];
+        }
+        Ok((displacement, forces))
+    }
+
     /// Goes to the next loads, prescribed displacements and contact, from where the body is.
     ///
     /// # Errors

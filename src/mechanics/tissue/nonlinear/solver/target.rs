@@ -55,7 +55,7 @@ impl Contact {
 }
 
 impl Target<'_> {
-    pub(super) fn check<const D: usize>(&self, supports: &Supports<D>) -> Result<(), NonlinearError> {
+    pub(in super::super) fn check<const D: usize>(&self, supports: &Supports<D>) -> Result<(), NonlinearError> {
         let (all, prescribed) = (supports.all(), supports.prescribed().len());
         list("loads", self.loads, all)?;
         list("prescribed displacements", self.prescribed, prescribed)?;
@@ -82,7 +82,7 @@ impl Target<'_> {
     }
 }
 
-fn list(what: &'static str, values: &[f64], expected: usize) -> Result<(), NonlinearError> {
+pub(super) fn list(what: &'static str, values: &[f64], expected: usize) -> Result<(), NonlinearError> {
     if values.len() != expected {
         return Err(NonlinearError::Length {
             what,

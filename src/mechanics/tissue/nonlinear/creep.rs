@@ -1,0 +1,171 @@
+//! Fractional viscosity in a body that stiffens: two laws over one history.
+//!
+//! A material point holds E(e_r) d^k epsilon / dt^k = sigma (Kobayashi et al. 2010, equation 7), a structure K(U) D^k U = F
+//! (their equation 9). Moduli are then in kPa s^k. There are two ways to go on:
+//!
+//! - [`Memory::Rate`] takes it as it stands: stress is E(e_r(U)) times the elasticity of the strain's rate of order k. With the rates
+//!   V = D^k U and their history, U_n = w_0 V_n + H_n, so that K(U_n) (U_n - H_n) = w_0 F_n.
+//! - [`Memory::LoadIntegral`] is the paper's (equation 12): K(U) U = F' with F' = I^k F, the loads integrated one by one. Where
+//!   displacements are driven the reaction is unknown and part of F: K(U_n) U_n = w_0 F_n + H_n.
+//!
+//! They are the same while K is constant. Above the knee they part, for the second lets the stiffness of now divide all loads
+//! there ever were, as if tissue had been as stiff all the time: under a constant load it creeps as t^k over the stiffness of
+//! now, while the first gives way by the stiffness of each moment.
+
+use super::error::NonlinearError;
+use super::solver::{Contact, Progress, Solver, Target};
+use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
+
+/// What remembers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Memory {
+    /// The loads: K(U) U = I^k F, as the paper solves it.
+    #[default]
+    LoadIntegral,
+    /// The rates: K(U) D^k U = F, as the material is written.
+    Rate,
+}
+
+/// A body with memory, and where it is in time. Before the start it is at rest and unloaded.
+#[derive(Clone, Debug)]
+pub struct Creep<const D: usize, const N: usize> {
+    solver: Solver<D, N>,
+    memory: Memory,
+    /// Integral of order k of what is remembered.
+    history: Box<dyn History>,
+    past: Vec<f64>,
+    loads: Vec<f64>,
+    /// What is remembered of now: forces or rates.
+    value: Vec<f64>,
+    forces: Vec<f64>,
+    contact: f64,
+}
+
+/// Why a body with memory cannot go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CreepError {
+    /// The increment cannot be solved.
+    #[error(transparent)]
+    Nonlinear(#[from] NonlinearError),
+    /// The history does not take the step.
+    #[error(transparent)]
+    History(#[from] HistoryError),
+    /// A body that is strained already.
+    #[error("the body is displaced; a history starts at rest")]
+    Displaced,
+}
+
+impl<const D: usize, const N: usize> Creep<D, N> {
+    /// A history of order `order` (0, elastic, to 1, viscous) that starts with `loads` (N on each degree of freedom), which may jump
+    /// there. Prescribed displacements cannot jump: the force would have no bound.
+    ///
+    /// # Errors
+    /// [`CreepError`] for a body that is displaced, an order or a rule that is none, or another number of loads.
+    pub fn new(
+        mut solver: Solver<D, N>,
+        memory: Memory,
+        order: f64,
+        rule: Rule,
+        loads: &[f64],
+    ) -> Result<Self, CreepError> {
+        if solver.displacement().iter().any(|u| *u != 0.0) {
+            return Err(CreepError::Displaced);
+        }
+        // At the start nothing is strained, and the body answers as below the knee.
+        let (rate, forces) = solver.at_rest(loads)?;
+        let value = match memory {
+            Memory::LoadIntegral => forces.clone(),
+            Memory::Rate => rate,
+        };
+        let history = rule.start(Operator::Integral(order), &value)?;
+        Ok(Creep {
+            memory,
+            history,
+            past: vec![0.0; loads.len()],
+            loads: loads.to_vec(),
+            value,
+            forces,
+            contact: 0.0,
+            solver,
+        })
+    }
+
+    /// Displacements, mm.
+    pub fn displacement(&self) -> &[f64] {
+        self.solver.displacement()
+    }
+
+    /// Forces on all degrees of freedom, N: the loads, and at prescribed ones what holds them.
+    pub fn forces(&self) -> &[f64] {
+        &self.forces
+    }
+
+    /// Force of the contact along its direction, N.
+    pub fn contact_force(&self) -> f64 {
+        self.contact
+    }
+
+    /// Seconds since the start.
+    pub fn time_s(&self) -> f64 {
+        self.history.time_s()
+    }
+
+    /// The solver, with the state of the last step; its forces are those of its virtual loads.
+    pub fn solver(&self) -> &Solver<D, N> {
+        &self.solver
+    }
+
+    /// Bytes that the past takes.
+    pub fn bytes(&self) -> usize {
+        self.history.bytes()
+    }
+
+    /// Goes on by `step_s` seconds to loads, prescribed displacements (as in [`Target`]) and a contact as they are then.
+    ///
+    /// # Errors
+    /// [`CreepError`]; the body is then as before.
+    pub fn step(
+        &mut self,
+        step_s: f64,
+        loads: &[f64],
+        prescribed: &[f64],
+        contact: Option<&Contact>,
+    ) -> Result<&Progress, CreepError> {
+        let plain = Target {
+            loads,
+            prescribed,
+            contact,
+            offset: None,
+        };
+        plain.check(self.solver.supports())?;
+        let weight = self.history.predict(step_s, &mut self.past)?;
+        let remembers_loads = self.memory == Memory::LoadIntegral;
+        for ((sum, load), past) in self.loads.iter_mut().zip(loads).zip(&self.past) {
+            *sum = weight * load + if remembers_loads { *past } else { 0.0 };
+        }
+        self.solver.step(&Target {
+            loads: &self.loads,
+            offset: (!remembers_loads).then_some(&self.past[..]),
+            ..plain
+        })?;
+        self.contact = self.solver.contact_force() / weight;
+        self.forces.copy_from_slice(loads);
+        if let Some(contact) = contact {
+            contact.add(self.contact, &mut self.forces);
+        }
+        // Loads are known on free degrees of freedom; what holds the others comes from the balance.
+        for &dof in self.solver.supports().prescribed() {
+            let dof = dof as usize;
+            let past = if remembers_loads { self.past[dof] } else { 0.0 };
+            self.forces[dof] = (self.solver.forces()[dof] - past) / weight;
+        }
+        if remembers_loads {
+            self.value.copy_from_slice(&self.forces);
+        } else {
+            let unknowns = self.solver.displacement().iter().zip(&self.past);
+            self.value.iter_mut().zip(unknowns).for_each(|(rate, (u, past))| *rate = (u - past) / weight);
+        }
+        self.history.commit(step_s, &self.value)?;
+        Ok(self.solver.progress())
+    }
+}
