@@ -26,19 +26,26 @@
 //! # Ok::<(), insonify::statics::StaticsError>(())
 //! ```
 
+mod course;
 mod error;
 mod file;
 mod report;
 mod resolve;
+mod run;
 pub(crate) mod selection;
 
+pub use course::{HistorySpec, LawName, MOST_STEPS, Model, RuleName, SchemeName, SolverSpec, ViscositySpec};
 pub use error::{StaticsError, Wrong};
 pub use file::{FixSpec, LoadSpec, MaterialSpec, ProblemFile};
 pub use report::Report;
-pub use resolve::Problem;
+pub use resolve::{Problem, Solved};
+pub use run::History;
 
-/// A problem file to start from, with every key.
+/// A problem file to start from, with every key of linear tissue.
 pub const EXAMPLE: &str = include_str!("../assets/press.toml");
+
+/// Another, of viscoelastic tissue with a history.
+pub const CREEP: &str = include_str!("../assets/liver-creep.toml");
 
 #[cfg(test)]
 mod tests;

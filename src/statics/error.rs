@@ -5,6 +5,8 @@ use crate::document::{Fault, Unreadable};
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::quality::UnusableMesh;
 use crate::mechanics::tissue::material::{InvalidMaterial, MaterialsError};
+use crate::mechanics::tissue::nonlinear::creep::CreepError;
+use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening};
 use crate::mechanics::tissue::problem::SolveError;
 
 /// Why a static problem cannot be solved: what is wrong, the key that it is about and where that stands in the file.
@@ -55,6 +57,20 @@ pub enum Wrong {
     /// The problem has no solution.
     #[error(transparent)]
     Solve(#[from] SolveError),
+    /// A material that stiffens is none.
+    #[error(transparent)]
+    Stiffening(#[from] InvalidStiffening),
+    /// The mesh makes no body.
+    #[error(transparent)]
+    Body(#[from] InvalidBody),
+    /// A step of the history cannot be made.
+    #[error("at {time_s} s: {cause}")]
+    Step {
+        /// The end of the step, s.
+        time_s: f64,
+        /// Why.
+        cause: CreepError,
+    },
 }
 
 impl StaticsError {
@@ -64,6 +80,10 @@ impl StaticsError {
             Wrong::Text(error) => error.is_machine(),
             Wrong::Mesh(error) => error.is_machine(),
             Wrong::Solve(error) => error.is_machine(),
+            Wrong::Step {
+                cause: CreepError::Nonlinear(error),
+                ..
+            } => error.is_machine(),
             _ => false,
         }
     }

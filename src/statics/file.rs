@@ -6,6 +6,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use super::error::StaticsError;
 use crate::document::{self, Source};
 
@@ -17,6 +18,9 @@ pub struct ProblemFile {
     pub mesh: PathBuf,
     /// Name of the mesh's cell array (or physical groups) that numbers the regions. Default: the first usual one.
     pub region: Option<String>,
+    /// How tissue answers. Default `linear`.
+    #[serde(default)]
+    pub model: Model,
     /// Nodes whose displacements are reported.
     #[serde(default)]
     pub report_nodes: Vec<i64>,
@@ -29,6 +33,12 @@ pub struct ProblemFile {
     /// Forces.
     #[serde(default)]
     pub load: Vec<LoadSpec>,
+    /// How a nonlinear or viscoelastic problem is solved.
+    pub nonlinear: Option<SolverSpec>,
+    /// The viscosity of viscoelastic tissue.
+    pub viscoelastic: Option<ViscositySpec>,
+    /// How loads and prescribed displacements go over time, for nonlinear and viscoelastic tissue.
+    pub history: Option<HistorySpec>,
     /// The text that it was read from, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
@@ -44,6 +54,11 @@ pub struct MaterialSpec {
     pub young_kpa: f64,
     /// Poisson's ratio, above -1 and below 0.5.
     pub poisson: f64,
+    /// The relative strain (0 or more) above which it stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 of a knee in simple
+    /// shear. Default: never.
+    pub knee_strain: Option<f64>,
+    /// How fast (0 or more): a in young_kpa (1 + a (strain - knee_strain)^2).
+    pub stiffening: Option<f64>,
 }
 
 /// Displacements that are prescribed at some nodes.
@@ -60,6 +75,8 @@ pub struct FixSpec {
     /// Where they are held, as a displacement from the mesh, mm; only the axes above count. Default 0.
     #[serde(default)]
     pub displacement_mm: [f64; 3],
+    /// What it is multiplied by at the times of the history. Default: that of the history.
+    pub factor: Option<Vec<f64>>,
 }
 
 fn all_axes() -> String {
@@ -76,6 +93,8 @@ pub struct LoadSpec {
     pub box_mm: Option<[[f64; 3]; 2]>,
     /// The force on each of them, N.
     pub force_n: [f64; 3],
+    /// What it is multiplied by at the times of the history. Default: that of the history.
+    pub factor: Option<Vec<f64>>,
 }
 
 impl ProblemFile {

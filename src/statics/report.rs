@@ -5,17 +5,20 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::resolve::Problem;
-use crate::mechanics::tissue::problem::Solution;
+use super::course::Model;
+use super::resolve::{Problem, Solved};
+use super::run::History;
 
 /// The figures of a solved problem, as `insonify solve --json` prints them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
+    /// How tissue answers.
+    pub model: Model,
     /// Number of nodes.
     pub nodes: usize,
     /// Number of tetrahedra.
     pub elements: usize,
-    /// Normwise backward error of the solution.
+    /// Normwise backward error of the solution; with a history the largest force out of balance over the largest force, at the end.
     pub residual: f64,
     /// Displacements of the nodes asked for, in that order, mm.
     pub displacement_mm: Vec<[f64; 3]>,
@@ -25,6 +28,9 @@ pub struct Report {
     pub reaction_n: Vec<[f64; 3]>,
     /// Wall-clock time by phase, and in all.
     pub seconds: BTreeMap<&'static str, f64>,
+    /// What happened over time, of models with a history.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub history: Option<History>,
     /// What is odd about the problem.
     pub warnings: Vec<String>,
     /// Numbers of the nodes asked for.
@@ -40,7 +46,8 @@ impl Report {
     ///
     /// # Panics
     /// If the solution is that of another mesh.
-    pub fn new(problem: &Problem, solution: &Solution) -> Report {
+    pub fn new(problem: &Problem, solved: &Solved) -> Report {
+        let solution = &solved.solution;
         let length = |u: &[f64; 3]| u.iter().fold(0.0, |a: f64, x| a.hypot(*x));
         let lengths = solution.displacement_mm.iter().map(length).enumerate();
         let (farthest, max) = lengths.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
@@ -55,6 +62,8 @@ impl Report {
         let total = phases.iter().map(|(_, seconds)| seconds).sum();
         let displacement = |node: &u32| solution.displacement_mm[*node as usize];
         Report {
+            model: problem.model(),
+            history: solved.history.clone(),
             nodes: problem.mesh().nodes().len(),
             elements: problem.mesh().elements().len(),
             residual: solution.residual,
@@ -72,7 +81,20 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "mesh         {} nodes, {} tetrahedra", self.nodes, self.elements)?;
-        writeln!(f, "residual     {:.1e} (normwise backward error)", self.residual)?;
+        let what = match self.history {
+            None => "normwise backward error",
+            Some(_) => "largest force out of balance over the largest force",
+        };
+        writeln!(f, "residual     {:.1e} ({what})", self.residual)?;
+        if let Some(history) = &self.history {
+            let [iterations, factorisations] = [&history.iterations, &history.factorisations].map(|all| all.iter().sum::<usize>());
+            writeln!(
+                f,
+                "history      {} steps to {} s, {iterations} iterations, {factorisations} factorisations",
+                history.time_s.len() - 1,
+                history.time_s.last().copied().unwrap_or(0.0)
+            )?;
+        }
         writeln!(
             f,
             "farthest     {:.6} mm, node {}",

@@ -5,29 +5,45 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::error::{StaticsError, Wrong};
-use super::file::ProblemFile;
+use super::course::Model;
+use super::file::{MaterialSpec, ProblemFile};
+use super::run::History;
 use super::selection::AXES;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::tissue::material::{Material, Materials, MaterialsError};
+use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
 use crate::mechanics::tissue::rigid::RigidError;
 
 /// A static problem whose mesh is read and whose nodes are picked.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    file: ProblemFile,
+    pub(super) file: ProblemFile,
     mesh: TetMesh,
     materials: Materials,
-    fixes: Vec<Fix>,
-    loads: Vec<Load>,
+    /// What materials do above their knee, by region.
+    pub(super) laws: Vec<(Option<i32>, Stiffening)>,
+    pub(super) fixes: Vec<Fix>,
+    pub(super) loads: Vec<Load>,
     /// The `[[fix]]` that each of the fixes stands in.
-    tables: Vec<usize>,
+    pub(super) tables: Vec<usize>,
+    /// The `[[load]]` that each of the loads stands in.
+    pub(super) load_tables: Vec<usize>,
     report_nodes: Vec<u32>,
     /// What is odd, though it can be solved.
     warnings: Vec<String>,
     read_seconds: f64,
+}
+
+/// A problem's solution, and for models with a history how it came to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solved {
+    /// The state at the end.
+    pub solution: Solution,
+    /// What led there.
+    pub history: Option<History>,
 }
 
 impl ProblemFile {
@@ -38,7 +54,9 @@ impl ProblemFile {
     pub fn resolve(self, base_dir: &Path) -> Result<Problem, StaticsError> {
         let started = Instant::now();
         let mut warnings = Vec::new();
+        self.check_course()?;
         let materials = self.materials()?;
+        let laws = self.laws()?;
         let options = ReadOptions {
             region: self.region.as_deref(),
             ..ReadOptions::default()
@@ -58,15 +76,17 @@ impl ProblemFile {
             ));
         }
         let (fixes, tables) = self.fixes(&mesh, &mut warnings)?;
-        let loads = self.loads(&mesh)?;
+        let (loads, load_tables) = self.loads(&mesh)?;
         if loads.iter().all(|load| load.force_n == [0.0; 3]) && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
             warnings.push("no force and no displacement is given: nothing moves".to_owned());
         }
         Ok(Problem {
             materials,
+            laws,
             fixes,
             loads,
             tables,
+            load_tables,
             report_nodes: self.numbered("report_nodes", &self.report_nodes, mesh.nodes().len())?,
             warnings,
             read_seconds: started.elapsed().as_secs_f64(),
@@ -81,8 +101,7 @@ impl ProblemFile {
         }
         let (mut default, mut by_region) = (None, Vec::new());
         for (at, spec) in self.material.iter().enumerate() {
-            let material = Material::new(spec.young_kpa, spec.poisson)
-                .map_err(|error| self.fault(format!("material[{at}].{}", error.key()), error))?;
+            let material = self.material_of(at, spec)?;
             match spec.region {
                 Some(region) => by_region.push((region, material)),
                 None if default.is_none() => default = Some(material),
@@ -107,6 +126,11 @@ impl ProblemFile {
                 error,
             )
         })
+    }
+
+    pub(super) fn material_of(&self, at: usize, spec: &MaterialSpec) -> Result<Material, StaticsError> {
+        Material::new(spec.young_kpa, spec.poisson)
+            .map_err(|error| self.fault(format!("material[{at}].{}", error.key()), error))
     }
 
     /// Fixes, and the table that each comes from.
@@ -135,8 +159,9 @@ impl ProblemFile {
         Ok((fixes, tables))
     }
 
-    fn loads(&self, mesh: &TetMesh) -> Result<Vec<Load>, StaticsError> {
-        let mut loads = Vec::new();
+    /// Loads, and the table that each comes from.
+    fn loads(&self, mesh: &TetMesh) -> Result<(Vec<Load>, Vec<usize>), StaticsError> {
+        let (mut loads, mut tables) = (Vec::new(), Vec::new());
         for (at, spec) in self.load.iter().enumerate() {
             let table = format!("load[{at}]");
             self.finite(&format!("{table}.force_n"), &spec.force_n)?;
@@ -146,8 +171,9 @@ impl ProblemFile {
                 force_n: spec.force_n,
             };
             loads.extend(nodes.into_iter().map(load));
+            tables.resize(loads.len(), at);
         }
-        Ok(loads)
+        Ok((loads, tables))
     }
 }
 
@@ -205,7 +231,27 @@ impl Problem {
     ///
     /// # Errors
     /// [`StaticsError`], with the key that is to blame.
-    pub fn solve(&self) -> Result<Solution, StaticsError> {
+    pub fn solve(&self) -> Result<Solved, StaticsError> {
+        if self.file.model == Model::Linear {
+            return Ok(Solved {
+                solution: self.linear()?,
+                history: None,
+            });
+        }
+        let (solution, history) = self.run()?;
+        Ok(Solved {
+            solution,
+            history: Some(history),
+        })
+    }
+
+    /// How tissue answers.
+    pub fn model(&self) -> Model {
+        self.file.model
+    }
+
+    /// The solution were tissue linear, loads and displacements as they are written.
+    pub(super) fn linear(&self) -> Result<Solution, StaticsError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
             materials: self.materials.clone(),
@@ -217,15 +263,20 @@ impl Problem {
 
     /// The force that each `[[fix]]` puts on the mesh, in sum, N; what two hold counts for the first.
     pub fn reactions(&self, solution: &Solution) -> Vec<[f64; 3]> {
+        let forces: BTreeMap<(u32, u8), f64> =
+            solution.reactions.iter().map(|reaction| ((reaction.node, reaction.axis), reaction.force_n)).collect();
+        self.held_by(|node, axis| forces.get(&(node, axis)).copied().unwrap_or(0.0))
+    }
+
+    /// The same of any forces on what is held.
+    pub(super) fn held_by(&self, force_n: impl Fn(u32, u8) -> f64) -> Vec<[f64; 3]> {
         let mut holder = BTreeMap::new();
         for (fix, table) in self.fixes.iter().zip(&self.tables) {
             holder.entry((fix.node, fix.axis)).or_insert(*table);
         }
         let mut sums = vec![[0.0; 3]; self.file.fix.len()];
-        for reaction in &solution.reactions {
-            if let Some(&table) = holder.get(&(reaction.node, reaction.axis)) {
-                sums[table][reaction.axis as usize] += reaction.force_n;
-            }
+        for ((node, axis), table) in holder {
+            sums[table][axis as usize] += force_n(node, axis);
         }
         sums
     }

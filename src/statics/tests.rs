@@ -70,6 +70,8 @@ fn the_example_has_every_key() {
         region,
         young_kpa,
         poisson: 0.45,
+        knee_strain: None,
+        stiffening: None,
     };
     assert_eq!(file.material, [material(None, 5.0), material(Some(2), 30.0)]);
     assert_eq!((file.fix.len(), file.load.len()), (2, 1));

@@ -1,0 +1,335 @@
+//! What a problem file says of models with a history: the model, how it is solved, and how loads go over time.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::error::{StaticsError, Wrong};
+use super::file::ProblemFile;
+use crate::mechanics::tissue::nonlinear::creep::Memory;
+use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
+use crate::mechanics::tissue::viscoelastic::{Rule, Span};
+
+/// Steps of a history at most.
+pub const MOST_STEPS: usize = 100_000;
+
+/// How tissue answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Model {
+    /// Linear elastic: one solution for all loads.
+    #[default]
+    Linear,
+    /// Stiffer above a knee of strain: `knee_strain` and `stiffening` of a material, and loads in increments.
+    Nonlinear,
+    /// As `nonlinear`, and viscous of a fractional order.
+    Viscoelastic,
+}
+
+/// How a nonlinear problem is solved.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SolverSpec {
+    /// Default `newton`.
+    pub scheme: SchemeName,
+    /// The largest force out of balance over the largest force, above 0 and below 1. Euler steps have none. Default 1e-9.
+    pub tolerance: f64,
+    /// Iterations of a step at most (1 to 1000). Default 60.
+    pub iterations: u32,
+}
+
+impl Default for SolverSpec {
+    fn default() -> Self {
+        SolverSpec {
+            scheme: SchemeName::default(),
+            tolerance: Options::default().tolerance,
+            iterations: Options::default().iterations as u32,
+        }
+    }
+}
+
+/// Schemes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SchemeName {
+    /// One solve a step with the paper's scalar tangent; no iterations: the error falls with `step_s`.
+    Euler,
+    /// Iterations with a factor that is kept as long as it serves.
+    ModifiedNewton,
+    /// Iterations with the consistent tangent, factored at each.
+    #[default]
+    Newton,
+}
+
+/// The viscosity of tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ViscositySpec {
+    /// Order k of the derivative, 0 (elastic) to 1 (viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
+    pub order: f64,
+    /// What remembers. Default `load-integral`.
+    pub law: LawName,
+    /// How the history is summed up. Default `exponentials`.
+    pub rule: RuleName,
+}
+
+impl Default for ViscositySpec {
+    fn default() -> Self {
+        ViscositySpec {
+            order: 0.1,
+            law: LawName::default(),
+            rule: RuleName::default(),
+        }
+    }
+}
+
+/// Laws, which part above the knee.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LawName {
+    /// K(U) U is the integral of order k of the loads: the liver paper's.
+    #[default]
+    LoadIntegral,
+    /// K(U) times the derivative of order k of U is the loads.
+    Rate,
+}
+
+/// Rules of histories.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum RuleName {
+    /// Product rectangle, first order, the liver paper's.
+    Rectangle,
+    /// Product trapezoid, second order.
+    Trapezoid,
+    /// Gruenwald and Letnikov's, for equal steps only.
+    GruenwaldLetnikov,
+    /// The trapezoid with a sum of exponentials, within 1e-9: a step costs the same however long the history.
+    #[default]
+    Exponentials,
+}
+
+/// How loads and prescribed displacements go over time.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HistorySpec {
+    /// Times, s: the first 0, ascending.
+    pub time_s: Vec<f64>,
+    /// What every load and displacement is multiplied by at these times, linear between. A `[[load]]` or `[[fix]]` may have its own.
+    pub factor: Vec<f64>,
+    /// The longest step, s (above 0).
+    pub step_s: f64,
+}
+
+/// Without a history loads grow from nothing in ten steps.
+impl Default for HistorySpec {
+    fn default() -> Self {
+        HistorySpec {
+            time_s: vec![0.0, 1.0],
+            factor: vec![0.0, 1.0],
+            step_s: 0.1,
+        }
+    }
+}
+
+/// A moment of a history: its time, and where it lies between the times given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moment {
+    pub time_s: f64,
+    pub after: usize,
+    pub share: f64,
+}
+
+impl Moment {
+    /// A factor now.
+    pub fn of(&self, factors: &[f64]) -> f64 {
+        let (low, high) = (factors[self.after], factors[self.after + 1]);
+        low + self.share * (high - low)
+    }
+}
+
+impl HistorySpec {
+    /// The start, and the end of each step.
+    pub(super) fn moments(&self) -> Vec<Moment> {
+        let mut moments = vec![Moment {
+            time_s: self.time_s[0],
+            after: 0,
+            share: 0.0,
+        }];
+        for (after, pair) in self.time_s.windows(2).enumerate() {
+            let length = pair[1] - pair[0];
+            let steps = self.steps(length);
+            for step in 1..=steps {
+                let share = step as f64 / steps as f64;
+                let time_s = if step == steps { pair[1] } else { pair[0] + share * length };
+                moments.push(Moment { time_s, after, share });
+            }
+        }
+        moments
+    }
+
+    fn steps(&self, length: f64) -> usize {
+        // A length that is a whole number of steps but for rounding takes that number.
+        ((length / self.step_s * (1.0 - 1e-12)).ceil() as usize).max(1)
+    }
+}
+
+impl SolverSpec {
+    pub(super) fn options(&self) -> Options {
+        let scheme = match self.scheme {
+            SchemeName::Euler => Scheme::Euler {
+                slope: Slope::Scalar,
+                corrected: false,
+            },
+            SchemeName::ModifiedNewton => Scheme::MODIFIED,
+            SchemeName::Newton => Scheme::Newton,
+        };
+        Options {
+            scheme,
+            tolerance: self.tolerance,
+            iterations: self.iterations as usize,
+        }
+    }
+}
+
+impl ViscositySpec {
+    pub(super) fn memory(&self) -> Memory {
+        match self.law {
+            LawName::LoadIntegral => Memory::LoadIntegral,
+            LawName::Rate => Memory::Rate,
+        }
+    }
+
+    /// The rule, for steps of these moments.
+    pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
+        match self.rule {
+            RuleName::Rectangle => Rule::Rectangle,
+            RuleName::Trapezoid => Rule::Trapezoid,
+            RuleName::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
+            RuleName::Exponentials => {
+                let steps = moments.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
+                Rule::Exponentials(Span {
+                    // A hair of slack, for what rounding does to times.
+                    shortest_s: 0.999 * steps.fold(f64::INFINITY, f64::min),
+                    longest_s: 1.001 * moments[moments.len() - 1].time_s,
+                    ..Span::default()
+                })
+            }
+        }
+    }
+}
+
+impl ProblemFile {
+    /// Checks that tables go with the model, and what they say.
+    pub(super) fn check_course(&self) -> Result<(), StaticsError> {
+        let linear = self.model == Model::Linear;
+        let tables = [
+            ("nonlinear", self.nonlinear.is_some(), linear),
+            ("history", self.history.is_some(), linear),
+            ("viscoelastic", self.viscoelastic.is_some(), self.model != Model::Viscoelastic),
+        ];
+        for (table, given, out_of_place) in tables {
+            if given && out_of_place {
+                let found = format!("[{table}] beside `model = \"{}\"`", self.model.name());
+                let expected = if table == "viscoelastic" {
+                    "`model = \"viscoelastic\"`"
+                } else {
+                    "`model = \"nonlinear\"` or `\"viscoelastic\"`"
+                };
+                return Err(self.wrong_keys(table.to_owned(), found, expected));
+            }
+        }
+        if self.model == Model::Viscoelastic && self.history.is_none() {
+            let expected = "a [history] with `time_s`, `factor` and `step_s`";
+            return Err(self.wrong_keys("model".to_owned(), "viscoelastic tissue without a history", expected));
+        }
+        let solver = self.nonlinear.unwrap_or_default();
+        let number = |key: &str, found: f64, right: bool, expected| match right {
+            true => Ok(()),
+            false => Err(self.fault(key, Wrong::Number { found, expected })),
+        };
+        let (tolerance, iterations) = (solver.tolerance, f64::from(solver.iterations));
+        number("nonlinear.tolerance", tolerance, tolerance > 0.0 && tolerance < 1.0, "above 0 and below 1")?;
+        number("nonlinear.iterations", iterations, (1.0..=1000.0).contains(&iterations), "1 to 1000")?;
+        let order = self.viscoelastic.unwrap_or_default().order;
+        number("viscoelastic.order", order, (0.0..=1.0).contains(&order), "0 (elastic) to 1 (viscous)")?;
+        let course = self.course();
+        self.check_times(&course)?;
+        self.factors("history.factor", &course.factor, &course)?;
+        let own = |table: &str, at: usize| format!("{table}[{at}].factor");
+        for (at, factor) in self.fix.iter().map(|fix| &fix.factor).enumerate() {
+            self.own_factors(own("fix", at), factor.as_deref(), &course)?;
+        }
+        for (at, factor) in self.load.iter().map(|load| &load.factor).enumerate() {
+            self.own_factors(own("load", at), factor.as_deref(), &course)?;
+        }
+        Ok(())
+    }
+
+    /// The history, or what stands for it.
+    pub(super) fn course(&self) -> HistorySpec {
+        self.history.clone().unwrap_or_default()
+    }
+
+    fn own_factors(&self, key: String, factors: Option<&[f64]>, course: &HistorySpec) -> Result<(), StaticsError> {
+        match factors {
+            None => Ok(()),
+            Some(_) if self.history.is_none() => {
+                Err(self.wrong_keys(key, "`factor` without a [history]", "a [history] with its `time_s`"))
+            }
+            Some(factors) => self.factors(&key, factors, course),
+        }
+    }
+
+    fn factors(&self, key: &str, factors: &[f64], course: &HistorySpec) -> Result<(), StaticsError> {
+        if factors.len() != course.time_s.len() {
+            let found = format!("{} factors", factors.len());
+            let expected = format!("one for each of the {} times", course.time_s.len());
+            return Err(self.wrong_keys(key.to_owned(), found, expected));
+        }
+        self.list(key, factors, |_, factor| factor.is_finite(), "a finite number")
+    }
+
+    fn check_times(&self, course: &HistorySpec) -> Result<(), StaticsError> {
+        let times = &course.time_s;
+        if times.len() < 2 {
+            let found = format!("{} times", times.len());
+            return Err(self.wrong_keys("history.time_s".to_owned(), found, "two or more"));
+        }
+        let right = |at: usize, time: f64| match at {
+            0 => time == 0.0,
+            _ => time.is_finite() && time > times[at - 1],
+        };
+        self.list("history.time_s", times, right, "0 first, then ascending finite times")?;
+        let step = course.step_s;
+        let expected = "a time above 0, for 100000 steps at most";
+        let steps: f64 = times.windows(2).map(|pair| ((pair[1] - pair[0]) / step).ceil()).sum();
+        if !(step > 0.0 && step.is_finite() && steps <= MOST_STEPS as f64) {
+            return Err(self.fault("history.step_s", Wrong::Number { found: step, expected }));
+        }
+        Ok(())
+    }
+
+    fn list(
+        &self,
+        key: &str,
+        numbers: &[f64],
+        right: impl Fn(usize, f64) -> bool,
+        expected: &'static str,
+    ) -> Result<(), StaticsError> {
+        match numbers.iter().enumerate().find(|(at, number)| !right(*at, **number)) {
+            Some((at, &found)) => Err(self.fault(format!("{key}[{at}]"), Wrong::Number { found, expected })),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Model {
+    /// As it is written.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Model::Linear => "linear",
+            Model::Nonlinear => "nonlinear",
+            Model::Viscoelastic => "viscoelastic",
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! Problems with a history, step by step.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::course::{Model, Moment};
+use super::error::{StaticsError, Wrong};
+use super::file::ProblemFile;
+use super::resolve::Problem;
+use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError};
+use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Stiffening, Supports, Target};
+use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
+
+/// What happened over time: an entry a moment, the start first.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct History {
+    /// Times, s.
+    pub time_s: Vec<f64>,
+    /// Displacements of the nodes asked for, in that order, mm.
+    pub displacement_mm: Vec<Vec<[f64; 3]>>,
+    /// Forces that each `[[fix]]` puts on the mesh, N.
+    pub reaction_n: Vec<Vec<[f64; 3]>>,
+    /// Iterations of the step that ends there.
+    pub iterations: Vec<usize>,
+    /// Factorisations of that step.
+    pub factorisations: Vec<usize>,
+    /// The largest force out of balance over the largest force.
+    pub residual: Vec<f64>,
+}
+
+impl History {
+    /// A table: a row a moment, with the displacements of `report_nodes` and what the fixes hold.
+    pub fn csv(&self, report_nodes: &[u32]) -> String {
+        let axes = |name: String, unit: &str| ["x", "y", "z"].map(|axis| format!(",{name}_{axis}_{unit}")).concat();
+        let fixes = self.reaction_n.first().map_or(0, Vec::len);
+        let mut text = "time_s,iterations,factorisations,residual".to_owned();
+        text.extend(report_nodes.iter().map(|node| axes(format!("node{node}"), "mm")));
+        text.extend((0..fixes).map(|fix| axes(format!("fix{fix}"), "n")));
+        text.push('\n');
+        for (at, time_s) in self.time_s.iter().enumerate() {
+            text += &format!("{time_s},{},{},{:e}", self.iterations[at], self.factorisations[at], self.residual[at]);
+            let vectors = self.displacement_mm[at].iter().chain(&self.reaction_n[at]);
+            text.extend(vectors.flatten().map(|value| format!(",{value}")));
+            text.push('\n');
+        }
+        text
+    }
+}
+
+/// The body, with memory or without.
+enum Runner {
+    Elastic(Box<Solver<3, 4>>),
+    Viscous(Box<Creep<3, 4>>),
+}
+
+impl Runner {
+    fn step(&mut self, step_s: f64, loads: &[f64], prescribed: &[f64]) -> Result<&Progress, CreepError> {
+        match self {
+            Runner::Elastic(solver) => Ok(solver.step(&Target {
+                loads,
+                prescribed,
+                contact: None,
+                offset: None,
+            })?),
+            Runner::Viscous(creep) => creep.step(step_s, loads, prescribed, None),
+        }
+    }
+
+    fn displacement(&self) -> &[f64] {
+        match self {
+            Runner::Elastic(solver) => solver.displacement(),
+            Runner::Viscous(creep) => creep.displacement(),
+        }
+    }
+
+    fn forces(&self) -> &[f64] {
+        match self {
+            Runner::Elastic(solver) => solver.forces(),
+            Runner::Viscous(creep) => creep.forces(),
+        }
+    }
+}
+
+impl Problem {
+    /// Solves a problem with a history: its state at the end, and what led there.
+    ///
+    /// # Errors
+    /// [`StaticsError`], with the key that is to blame and the time that was come to.
+    pub(super) fn run(&self) -> Result<(Solution, History), StaticsError> {
+        let started = Instant::now();
+        // The linear problem at full loads meets every fault that is not one of the history.
+        let linear = self.linear()?;
+        let course = self.file.course();
+        let moments = course.moments();
+        self.check_held()?;
+        let check = started.elapsed().as_secs_f64();
+        let body = Arc::new(self.body()?);
+        let supports = Supports::new(self.mesh().nodes().len(), self.fixes.iter().map(|fix| (fix.node, fix.axis)));
+        let assembled = started.elapsed().as_secs_f64();
+        let given = Given {
+            problem: self,
+            supports: supports.clone(),
+        };
+        let (loads, held) = given.at(&moments[0]);
+        let at_start = |error: CreepError| self.fault_at(0.0, error);
+        let options = self.file.nonlinear.unwrap_or_default().options();
+        let solver = Solver::new(body, supports, options).map_err(|error| at_start(error.into()))?;
+        let factored = started.elapsed().as_secs_f64();
+        let mut history = History::default();
+        let mut runner = match self.file.model {
+            Model::Viscoelastic => {
+                let viscosity = self.file.viscoelastic.unwrap_or_default();
+                let (memory, rule) = (viscosity.memory(), viscosity.rule(&moments));
+                let creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
+                let runner = Runner::Viscous(Box::new(creep));
+                self.note(&mut history, &runner, 0.0, &loads, &Progress::default());
+                runner
+            }
+            Model::Linear | Model::Nonlinear => {
+                let mut runner = Runner::Elastic(Box::new(solver));
+                let progress = runner.step(0.0, &loads, &held).map_err(at_start)?.clone();
+                self.note(&mut history, &runner, 0.0, &loads, &progress);
+                runner
+            }
+        };
+        let mut loads = loads;
+        for pair in moments.windows(2) {
+            let time_s = pair[1].time_s;
+            let (now, held) = given.at(&pair[1]);
+            let progress = runner.step(time_s - pair[0].time_s, &now, &held);
+            let progress = progress.map_err(|error| self.fault_at(time_s, error))?.clone();
+            self.note(&mut history, &runner, time_s, &now, &progress);
+            loads = now;
+        }
+        let nodes = runner.displacement().chunks_exact(3).map(|u| [u[0], u[1], u[2]]);
+        let force = |reaction: &Reaction| {
+            let dof = 3 * reaction.node as usize + reaction.axis as usize;
+            Reaction {
+                force_n: runner.forces()[dof] - loads[dof],
+                ..*reaction
+            }
+        };
+        let solution = Solution {
+            displacement_mm: nodes.collect(),
+            residual: history.residual.last().copied().unwrap_or(0.0),
+            reactions: linear.reactions.iter().map(force).collect(),
+            seconds: Seconds {
+                check,
+                assembly: assembled - check,
+                factor: factored - assembled,
+                solve: started.elapsed().as_secs_f64() - factored,
+            },
+        };
+        Ok((solution, history))
+    }
+
+    /// The body of the mesh, with what the materials say of its regions.
+    fn body(&self) -> Result<Solid, StaticsError> {
+        let laws: BTreeMap<Option<i32>, Stiffening> = self.laws.iter().copied().collect();
+        let law = |region: &i32| {
+            let own = laws.get(&Some(*region)).or(laws.get(&None));
+            // Every region has a material: the linear problem was solved.
+            own.copied().ok_or_else(|| {
+                let found = format!("no material for region {region}");
+                self.file.wrong_keys("material".to_owned(), found, "one")
+            })
+        };
+        let laws = self.mesh().regions().iter().map(law).collect::<Result<Vec<_>, _>>()?;
+        Body::tetrahedra(self.mesh(), &laws).map_err(|error| self.file.fault("mesh", error))
+    }
+
+    /// Displacements that several tables prescribe must agree all the time, and start at 0 where tissue is viscous.
+    fn check_held(&self) -> Result<(), StaticsError> {
+        let course = self.file.course();
+        let mut given: BTreeMap<(u32, u8), Vec<f64>> = BTreeMap::new();
+        for (fix, &table) in self.fixes.iter().zip(&self.tables) {
+            let factors = self.file.fix[table].factor.as_ref().unwrap_or(&course.factor);
+            let values: Vec<f64> = factors.iter().map(|factor| factor * fix.displacement_mm).collect();
+            if self.file.model == Model::Viscoelastic && values[0] != 0.0 {
+                let found = format!("a displacement of {} mm at the start", values[0]);
+                let expected = "0 there: a jump of viscous tissue takes a force without bound; let it grow over a short time";
+                return Err(self.file.wrong_keys(format!("fix[{table}]"), found, expected));
+            }
+            let first = given.entry((fix.node, fix.axis)).or_insert_with(|| values.clone());
+            if let Some((first, other)) = first.iter().zip(&values).find(|(a, b)| a != b) {
+                let error = SolveError::Contradiction {
+                    node: fix.node,
+                    axis: fix.axis,
+                    displacements_mm: [*first, *other],
+                };
+                return Err(self.file.fault(format!("fix[{table}]"), error));
+            }
+        }
+        Ok(())
+    }
+
+    fn note(&self, history: &mut History, runner: &Runner, time_s: f64, loads: &[f64], progress: &Progress) {
+        let vector = |node: &u32| {
+            let first = 3 * *node as usize;
+            std::array::from_fn(|axis| runner.displacement()[first + axis])
+        };
+        let force = |node: u32, axis: u8| {
+            let dof = 3 * node as usize + axis as usize;
+            runner.forces()[dof] - loads[dof]
+        };
+        history.time_s.push(time_s);
+        history.displacement_mm.push(self.report_nodes().iter().map(vector).collect());
+        history.reaction_n.push(self.held_by(force));
+        history.iterations.push(progress.iterations);
+        history.factorisations.push(progress.factorisations);
+        history.residual.push(progress.residual());
+    }
+
+    fn fault_at(&self, time_s: f64, cause: CreepError) -> StaticsError {
+        let key = match &cause {
+            CreepError::History(HistoryError::Order { .. }) => "viscoelastic.order",
+            CreepError::History(HistoryError::Uneven { .. }) => "viscoelastic.rule",
+            CreepError::History(_) | CreepError::Displaced => "history",
+            CreepError::Nonlinear(_) if self.file.nonlinear.is_some() => "nonlinear",
+            CreepError::Nonlinear(_) if self.file.history.is_some() => "history.step_s",
+            CreepError::Nonlinear(_) => "model",
+        };
+        self.file.fault(key, Wrong::Step { time_s, cause })
+    }
+}
+
+/// Loads and prescribed displacements over time.
+struct Given<'a> {
+    problem: &'a Problem,
+    supports: Supports<3>,
+}
+
+impl Given<'_> {
+    fn at(&self, moment: &Moment) -> (Vec<f64>, Vec<f64>) {
+        let Problem { file, fixes, tables, loads, load_tables, .. } = self.problem;
+        let course = file.course();
+        let factor = |own: &Option<Vec<f64>>| moment.of(own.as_ref().unwrap_or(&course.factor));
+        let mut forces = vec![0.0; self.supports.all()];
+        for (load, &table) in loads.iter().zip(load_tables) {
+            let factor = factor(&file.load[table].factor);
+            for (axis, force) in load.force_n.iter().enumerate() {
+                forces[3 * load.node as usize + axis] += factor * force;
+            }
+        }
+        let mut places = vec![0.0; self.supports.all()];
+        for (fix, &table) in fixes.iter().zip(tables) {
+            places[3 * fix.node as usize + fix.axis as usize] = factor(&file.fix[table].factor) * fix.displacement_mm;
+        }
+        let held = self.supports.prescribed().iter().map(|dof| places[*dof as usize]).collect();
+        (forces, held)
+    }
+}
+
+impl ProblemFile {
+    /// The law of each material, by its region.
+    pub(super) fn laws(&self) -> Result<Vec<(Option<i32>, Stiffening)>, StaticsError> {
+        let mut laws = Vec::new();
+        for (at, spec) in self.material.iter().enumerate() {
+            let key = |name: &str| format!("material[{at}].{name}");
+            let material = self.material_of(at, spec)?;
+            let law = match (spec.knee_strain, spec.stiffening) {
+                (None, None) => Stiffening::linear(material),
+                (knee, _) if self.model == Model::Linear => {
+                    let name = if knee.is_some() { "knee_strain" } else { "stiffening" };
+                    let found = format!("`{name}` beside `model = \"linear\"`");
+                    return Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"));
+                }
+                (Some(knee), Some(rate)) => Stiffening::new(material, knee, rate)
+                    .map_err(|error| self.fault(key(error.key()), error))?,
+                (Some(_), None) => {
+                    return Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"));
+                }
+                (None, Some(_)) => {
+                    return Err(self.wrong_keys(key("stiffening"), "`stiffening` alone", "`knee_strain` beside it"));
+                }
+            };
+            laws.push((spec.region, law));
+        }
+        Ok(laws)
+    }
+}
