@@ -8,6 +8,7 @@
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | `block` | what studies put needles into |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
+//! | [`puncture`] | a needle goes into a slice of liver with a vein |
 //! | [`spread`] | medians and percentiles of times |
 //! | [`stability`] | hard cases, and whether they hold |
 //! | [`machine`] | what the CPU backend runs on |
@@ -19,6 +20,7 @@ mod fractional;
 pub mod inspect;
 pub mod machine;
 pub mod plot;
+pub mod puncture;
 pub mod spread;
 pub mod stability;
 #[cfg(test)]

@@ -7,6 +7,7 @@ pub mod finite;
 mod interaction;
 mod outcome;
 mod probe;
+pub mod pushing;
 pub mod spring;
 
 use nalgebra::{Isometry3, Point3};

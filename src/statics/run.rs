@@ -11,7 +11,7 @@ use super::error::{StaticsError, Wrong};
 use super::file::ProblemFile;
 use super::resolve::Problem;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError};
-use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Stiffening, Supports, Target};
+use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Stiffening, Structure, Supports};
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 
@@ -51,40 +51,6 @@ impl History {
     }
 }
 
-/// The body, with memory or without.
-enum Runner {
-    Elastic(Box<Solver<3, 4>>),
-    Viscous(Box<Creep<3, 4>>),
-}
-
-impl Runner {
-    fn step(&mut self, step_s: f64, loads: &[f64], prescribed: &[f64]) -> Result<&Progress, CreepError> {
-        match self {
-            Runner::Elastic(solver) => Ok(solver.step(&Target {
-                loads,
-                prescribed,
-                contact: None,
-                offset: None,
-            })?),
-            Runner::Viscous(creep) => creep.step(step_s, loads, prescribed, None),
-        }
-    }
-
-    fn displacement(&self) -> &[f64] {
-        match self {
-            Runner::Elastic(solver) => solver.displacement(),
-            Runner::Viscous(creep) => creep.displacement(),
-        }
-    }
-
-    fn forces(&self) -> &[f64] {
-        match self {
-            Runner::Elastic(solver) => solver.forces(),
-            Runner::Viscous(creep) => creep.forces(),
-        }
-    }
-}
-
 impl Problem {
     /// Solves a problem with a history: its state at the end, and what led there.
     ///
@@ -116,13 +82,13 @@ impl Problem {
                 let viscosity = self.file.viscoelastic.unwrap_or_default();
                 let (memory, rule) = (viscosity.memory(), viscosity.rule(&moments));
                 let creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
-                let runner = Runner::Viscous(Box::new(creep));
+                let runner = Structure::Viscous(Box::new(creep));
                 self.note(&mut history, &runner, 0.0, &loads, &Progress::default());
                 runner
             }
             Model::Linear | Model::Nonlinear => {
-                let mut runner = Runner::Elastic(Box::new(solver));
-                let progress = runner.step(0.0, &loads, &held).map_err(at_start)?.clone();
+                let mut runner = Structure::Elastic(Box::new(solver));
+                let progress = runner.step(0.0, &loads, &held, None).map_err(at_start)?.clone();
                 self.note(&mut history, &runner, 0.0, &loads, &progress);
                 runner
             }
@@ -131,7 +97,7 @@ impl Problem {
         for pair in moments.windows(2) {
             let time_s = pair[1].time_s;
             let (now, held) = given.at(&pair[1]);
-            let progress = runner.step(time_s - pair[0].time_s, &now, &held);
+            let progress = runner.step(time_s - pair[0].time_s, &now, &held, None);
             let progress = progress.map_err(|error| self.fault_at(time_s, error))?.clone();
             self.note(&mut history, &runner, time_s, &now, &progress);
             loads = now;
@@ -198,7 +164,7 @@ impl Problem {
         Ok(())
     }
 
-    fn note(&self, history: &mut History, runner: &Runner, time_s: f64, loads: &[f64], progress: &Progress) {
+    fn note(&self, history: &mut History, runner: &Structure<3, 4>, time_s: f64, loads: &[f64], progress: &Progress) {
         let vector = |node: &u32| {
             let first = 3 * *node as usize;
             std::array::from_fn(|axis| runner.displacement()[first + axis])

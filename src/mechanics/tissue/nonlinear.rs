@@ -26,6 +26,7 @@ mod gmres;
 mod law;
 mod simplex;
 mod solver;
+mod structure;
 mod supports;
 mod tangent;
 
@@ -33,4 +34,5 @@ pub use body::{Body, InvalidBody, Sheet, Solid};
 pub use error::NonlinearError;
 pub use law::{InvalidStiffening, RELATIVE_IN_SHEAR, Stiffening, relative_strain};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
+pub use structure::Structure;
 pub use supports::Supports;

@@ -162,6 +162,18 @@ impl<const D: usize, const N: usize> Body<D, N> {
         &self.cells
     }
 
+    /// Barycentric coordinates of a point (mm) in an element of the reference state.
+    ///
+    /// # Panics
+    /// If there is no such element.
+    pub fn barycentric(&self, element: usize, point: &[f64; D]) -> [f64; N] {
+        let corner = self.nodes[self.elements[element][0] as usize];
+        let from: [f64; D] = std::array::from_fn(|axis| point[axis] - corner[axis]);
+        let mut weights = self.cells[element].shape.gradients.map(|gradient| dot(gradient, from));
+        weights[0] += 1.0;
+        weights
+    }
+
     /// The relative strain of each element under displacements (mm).
     ///
     /// # Panics

@@ -1,0 +1,111 @@
+//! A column that is pushed, punctured and cut, by hand.
+
+use super::*;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use crate::mechanics::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
+use crate::mechanics::tissue::viscoelastic::Rule;
+
+/// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y alone and together: a bar of E (Poisson's ratio 0). The
+/// needle goes down between them, from the top at y = 20.
+fn bar() -> (Arc<Sheet>, Supports<2>) {
+    let rows = 20u32;
+    let nodes = (0..=rows).flat_map(|row| [-1.0, 0.0, 1.0].map(|x| [x, f64::from(row)])).collect();
+    let mut triangles = Vec::new();
+    for row in 0..rows {
+        for column in 0..2 {
+            let low = 3 * row + column;
+            triangles.push([low, low + 1, low + 4]);
+            triangles.push([low, low + 4, low + 3]);
+        }
+    }
+    let law = Stiffening::linear(Material::new(10.0, 0.0).unwrap());
+    let body = Sheet::plane_strain(nodes, triangles.clone(), &vec![law; triangles.len()], 2.0).unwrap();
+    let held = (0..3 * (rows + 1)).map(|node| (node, 0)).chain((0..3).map(|node| (node, 1)));
+    (Arc::new(body), Supports::new(3 * (rows as usize + 1), held))
+}
+
+fn elastic() -> Structure<2, 3> {
+    let (body, supports) = bar();
+    Structure::Elastic(Box::new(Solver::new(body, supports, Options::default()).unwrap()))
+}
+
+const LAYERS: [Layer; 2] = [
+    Layer { from_mm: 0.0, membrane_n: 0.01, cutting_n: 0.002, friction_n_per_mm: 0.0005 },
+    Layer { from_mm: 12.0, membrane_n: 0.012, cutting_n: 0.002, friction_n_per_mm: 0.0005 },
+];
+
+fn push(structure: Structure<2, 3>, layers: &[Layer]) -> Pushing<2, 3> {
+    Pushing::new(structure, [0.0, 20.0], [0.0, -2.0], layers.to_vec()).unwrap()
+}
+
+#[test]
+fn a_needle_pushes_punctures_and_cuts() {
+    let mut needle = push(elastic(), &LAYERS);
+    let far = needle.step(-3.0, 0.1).unwrap();
+    assert_eq!((far.force_n, far.phase), (0.0, Phase::Free));
+    let mut trace = Vec::new();
+    for step in 1..=200 {
+        let travel = 0.1 * f64::from(step);
+        trace.push((travel, needle.step(travel, 0.02).unwrap()));
+    }
+    let punctures: Vec<usize> = (0..trace.len()).filter(|at| trace[*at].1.punctured.is_some()).collect();
+    assert_eq!(punctures.len(), 2, "{trace:?}");
+    for (&at, layer) in punctures.iter().zip(0..) {
+        let (_, pushed) = trace[at];
+        assert_eq!((pushed.punctured, pushed.phase), (Some(layer), Phase::Pushing(layer)));
+        let bears = LAYERS[layer].membrane_n;
+        assert!(pushed.tip_n > bears && trace[at - 1].1.tip_n <= bears);
+        // Then the tip has the force of cutting only.
+        assert!((trace[at + 1].1.tip_n - 0.002).abs() < 1e-15);
+        assert!(trace[at + 1].1.force_n < pushed.force_n);
+    }
+    // Until the first, the tip stays where it is in the tissue and the force rises with its way.
+    for pair in trace[..punctures[0]].windows(2) {
+        assert!(pair[1].1.force_n > pair[0].1.force_n && pair[1].1.depth_mm == 0.0);
+    }
+    // Everywhere the shaft drags what it passed by.
+    for (_, pushed) in &trace {
+        assert!((pushed.force_n - pushed.tip_n - 0.0005 * pushed.depth_mm).abs() < 1e-12, "{pushed:?}");
+    }
+    // While it cuts, tissue at the tip is at the tip: a bar of 2 x 2 mm and 10 kPa, the tip at s, gives way by the force of cutting
+    // times (20 - s) / EA, and friction q from 0 to s by q times (20 - s) s / EA. The mesh is not uniform across: within 5 %.
+    let (travel, cut) = trace[punctures[1] - 1];
+    assert!(matches!(cut.phase, Phase::Pushing(1)));
+    let (travel, cut) = trace.iter().rev().find(|(t, p)| *t < travel && p.phase == Phase::Cutting(0)).unwrap();
+    let (stiffness, s) = (0.04, cut.depth_mm);
+    let expected = (0.002 + 0.0005 * s) * (20.0 - s) / stiffness;
+    // The tip is where tissue was a step before: a tenth of a millimetre.
+    assert!((travel - s - expected).abs() < 0.05 * expected + 0.1, "{travel} at {s}: {expected}");
+}
+
+/// A viscous body gives way the more the slower it is pushed: at a lower force for the same way.
+#[test]
+fn a_slow_needle_meets_less_force() {
+    let at_speed = |mm_per_s: f64| {
+        let (body, supports) = bar();
+        let solver = Solver::new(body, supports, Options::default()).unwrap();
+        let loads = vec![0.0; solver.supports().all()];
+        let creep = Creep::new(solver, Memory::LoadIntegral, 0.1, Rule::Trapezoid, &loads).unwrap();
+        let strong = [Layer { membrane_n: 10.0, ..LAYERS[0] }];
+        let mut needle = push(Structure::Viscous(Box::new(creep)), &strong);
+        (1..=20).map(|step| needle.step(0.1 * f64::from(step), 0.1 / mm_per_s).unwrap().force_n).last().unwrap()
+    };
+    let [fast, slow] = [5.0, 0.5].map(at_speed);
+    // A ramp is held by t^(1-k) at a rate: force goes with the speed to the power k.
+    assert!((fast / slow - 10f64.powf(0.1)).abs() < 1e-3, "{fast} {slow}");
+}
+
+#[test]
+fn ways_are_checked() {
+    let refused = |entry, direction, layers: &[Layer]| Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err();
+    let down = [0.0, -1.0];
+    assert!(matches!(refused([5.0, 20.0], down, &LAYERS), InvalidWay::Outside { .. }));
+    assert!(matches!(refused([0.0, 20.0], [0.0, 0.0], &LAYERS), InvalidWay::Direction { .. }));
+    assert!(matches!(refused([0.0, 20.0], down, &[]), InvalidWay::First { found: None }));
+    assert!(matches!(refused([0.0, 20.0], down, &LAYERS[1..]), InvalidWay::First { found: Some(_) }));
+    let twice = [LAYERS[0], LAYERS[1], LAYERS[1]];
+    assert!(matches!(refused([0.0, 20.0], down, &twice), InvalidWay::Layer { layer: 2, what: "from_mm", .. }));
+    let negative = [Layer { cutting_n: -1.0, ..LAYERS[0] }];
+    assert!(matches!(refused([0.0, 20.0], down, &negative), InvalidWay::Layer { what: "cutting_n", .. }));
+}

@@ -1,0 +1,141 @@
+//! A slice through a liver with a vein in it: triangles in plane strain.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use super::{PunctureError, PunctureOptions};
+use crate::mechanics::insertion::pushing::Layer;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
+
+/// Width of the slice, mm.
+const WIDTH_MM: f64 = 140.0;
+
+/// Columns and rows of quadrilaterals, each split in two.
+const CELLS: [usize; 2] = [64, 40];
+
+/// Where the needle goes in, and how deep the middle of the vein lies below, mm.
+const NEEDLE_MM: f64 = 68.0;
+const VEIN_DEPTH_MM: f64 = 26.0;
+
+/// Half axes of the vein, across and along the needle, mm.
+const VEIN_MM: [f64; 2] = [10.0, 6.0];
+
+/// Blood moves away along the vein, out of the slice: it is soft, and has no volume to keep. Where little of the vein's height is
+/// left its walls come to lie on each other: beyond this strain it stiffens until it is no softer than they are.
+const BLOOD_KPA: f64 = 0.02;
+const CLOSING: [f64; 2] = [0.7, 4e3];
+
+/// The slice, and what the needle meets in it.
+pub struct Liver {
+    /// The body.
+    pub body: Arc<Sheet>,
+    /// Its dorsal nodes do not move (section 4.2.2 of the paper).
+    pub supports: Supports<2>,
+    /// Whether each triangle is in the vein.
+    pub vein: Vec<bool>,
+    /// Where the needle goes in, mm.
+    pub entry: [f64; 2],
+    /// Liver, the vein, liver behind it.
+    pub layers: Vec<Layer>,
+}
+
+/// Lower and upper outline at a place across, mm.
+fn outline(x: f64) -> [f64; 2] {
+    let along = PI * x / WIDTH_MM;
+    let half = 9.0 + 25.0 * along.sin().max(0.0).powf(0.7);
+    let middle = 40.0 + 7.0 * along.cos();
+    [middle - half, middle + half]
+}
+
+impl Liver {
+    /// The slice with these properties.
+    pub fn new(options: &PunctureOptions) -> Result<Liver, PunctureError> {
+        let [columns, rows] = CELLS;
+        let top = outline(NEEDLE_MM)[1];
+        let centre = [NEEDLE_MM, top - VEIN_DEPTH_MM];
+        let mut nodes = vec![[0.0; 2]; (columns + 1) * (rows + 1)];
+        for i in 0..=columns {
+            let x = column(i as f64 / columns as f64);
+            for (j, y) in heights(x, centre).into_iter().enumerate() {
+                nodes[j * (columns + 1) + i] = [x, y];
+            }
+        }
+        let at = |i: usize, j: usize| (j * (columns + 1) + i) as u32;
+        let mut triangles = Vec::new();
+        for j in 0..rows {
+            for i in 0..columns {
+                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                // Diagonals that mirror each other at the needle.
+                if nodes[a as usize][0] < NEEDLE_MM - 1e-9 {
+                    triangles.extend([[a, b, d], [b, c, d]]);
+                } else {
+                    triangles.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+        }
+        let inside = |corners: &[u32; 3]| {
+            let middle = |axis: usize| corners.iter().map(|node| nodes[*node as usize][axis]).sum::<f64>() / 3.0;
+            radius([middle(0), middle(1)], centre) < 1.0
+        };
+        let vein: Vec<bool> = triangles.iter().map(inside).collect();
+        let tissue = Material::new(options.young_kpa, options.poisson)?;
+        let tissue = Stiffening::new(tissue, options.knee_strain, options.stiffening)?;
+        let blood = Stiffening::new(Material::new(BLOOD_KPA, 0.0)?, CLOSING[0], CLOSING[1])?;
+        let laws: Vec<Stiffening> = vein.iter().map(|vein| if *vein { blood } else { tissue }).collect();
+        let held = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
+        let supports = Supports::new(nodes.len(), held);
+        let layer = |from_mm, membrane_n, share: f64| Layer {
+            from_mm,
+            membrane_n,
+            cutting_n: share * options.cutting_n,
+            friction_n_per_mm: share * options.friction_n_per_mm,
+        };
+        Ok(Liver {
+            body: Arc::new(Sheet::plane_strain(nodes, triangles, &laws, options.thickness_mm)?),
+            supports,
+            vein,
+            entry: [NEEDLE_MM, top],
+            layers: vec![
+                layer(0.0, options.capsule_n, 1.0),
+                layer(VEIN_DEPTH_MM - VEIN_MM[1], options.wall_n, 0.0),
+                layer(VEIN_DEPTH_MM + VEIN_MM[1], options.wall_n, 1.0),
+            ],
+        })
+    }
+}
+
+/// Columns stand closer near the needle, and one on its way.
+fn column(share: f64) -> f64 {
+    let middle = 0.5;
+    let from = share - middle;
+    // A cubic: a third of the mean distance at the needle.
+    let bent = from * (1.0 + 8.0 * from * from) / 3.0;
+    if from < 0.0 {
+        NEEDLE_MM + 2.0 * bent * NEEDLE_MM
+    } else {
+        NEEDLE_MM + 2.0 * bent * (WIDTH_MM - NEEDLE_MM)
+    }
+}
+
+/// 1 on the vein's wall, less inside.
+fn radius(p: [f64; 2], centre: [f64; 2]) -> f64 {
+    ((p[0] - centre[0]) / VEIN_MM[0]).hypot((p[1] - centre[1]) / VEIN_MM[1])
+}
+
+/// The heights of a column's nodes: evenly from the lower to the upper outline, but two on the vein's wall where it is crossed.
+/// Triangles have an upright edge and a corner in the next column: nodes that keep their order make none invert.
+fn heights(x: f64, centre: [f64; 2]) -> Vec<f64> {
+    let [low, high] = outline(x);
+    let row = (high - low) / CELLS[1] as f64;
+    let mut heights: Vec<f64> = (0..=CELLS[1]).map(|j| low + row * j as f64).collect();
+    let across = (x - centre[0]) / VEIN_MM[0];
+    let half = VEIN_MM[1] * (1.0 - across * across).max(0.0).sqrt();
+    if half > row {
+        for wall in [centre[1] - half, centre[1] + half] {
+            let nearest = ((wall - low) / row).round() as usize;
+            heights[nearest.clamp(1, CELLS[1] - 1)] = wall;
+        }
+    }
+    heights
+}
