@@ -12,7 +12,7 @@
 //!
 //! let error = CaseFile::parse(&beam_case::EXAMPLE.replace("slope", "slop"), "beam.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("beam.toml", 12)));
-//! # Ok::<(), insonify::beam_case::CaseError>(())
+//! # Ok::<(), insonify::beam_case::BeamCaseError>(())
 //! ```
 
 mod error;
@@ -21,7 +21,7 @@ pub mod points;
 mod report;
 mod resolve;
 
-pub use error::{CaseError, Wrong};
+pub use error::{BeamCaseError, Wrong};
 pub use file::{BaseSpec, CaseFile, CompressionName, LayerSpec, MeshSpec, ModelName, NeedleSpec};
 pub use report::{Report, plot};
 pub use resolve::Case;

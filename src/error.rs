@@ -4,10 +4,10 @@ use std::fmt;
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-use crate::beam_case::CaseError;
+use crate::beam_case::BeamCaseError;
 use crate::beam_case::points::PointsError;
 use crate::gpu::GpuError;
-use crate::material_case::CaseError;
+use crate::material_case::MaterialCaseError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -47,10 +47,10 @@ pub enum Error {
     Statics(#[from] StaticsError),
     /// A material cannot be tested.
     #[error(transparent)]
-    Material(#[from] CaseError),
+    Material(#[from] MaterialCaseError),
     /// A needle in tissue cannot be bent.
     #[error(transparent)]
-    Case(#[from] CaseError),
+    BeamCase(#[from] BeamCaseError),
     /// A needle in tissue of a study has no shape.
     #[error(transparent)]
     Beam(#[from] BeamError),
@@ -111,7 +111,7 @@ impl Error {
             Self::Scenario(error) => error.is_machine(),
             Self::Statics(error) => error.is_machine(),
             Self::Material(error) => error.is_machine(),
-            Self::Case(error) => error.is_machine(),
+            Self::BeamCase(error) => error.is_machine(),
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
@@ -123,8 +123,7 @@ impl Error {
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
             Self::Step(_)
             | Self::InsertionStudy(_)
-            Self::Beam(_)
-            | Self::Step(_)
+            | Self::Beam(_)
             | Self::Completion(_)
             | Self::Phantom(_)
             | Self::Generate(_)
@@ -145,7 +144,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.help(),
             Self::Statics(error) => error.help(),
             Self::Material(error) => error.help(),
-            Self::Case(error) => error.help(),
+            Self::BeamCase(error) => error.help(),
             _ => None,
         }
     }
@@ -156,7 +155,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.source_code(),
             Self::Statics(error) => error.source_code(),
             Self::Material(error) => error.source_code(),
-            Self::Case(error) => error.source_code(),
+            Self::BeamCase(error) => error.source_code(),
             _ => None,
         }
     }
@@ -167,7 +166,7 @@ impl Diagnostic for Error {
             Self::Scenario(error) => error.labels(),
             Self::Statics(error) => error.labels(),
             Self::Material(error) => error.labels(),
-            Self::Case(error) => error.labels(),
+            Self::BeamCase(error) => error.labels(),
             _ => None,
         }
     }

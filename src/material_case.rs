@@ -22,7 +22,7 @@
 //!
 //! let error = CaseFile::parse(&text.replace("0.1\n", "1.1\n"), "creep.toml")?.resolve().unwrap_err();
 //! assert_eq!(error.location(), Some(("creep.toml", 3)));
-//! # Ok::<(), insonify::material_case::CaseError>(())
+//! # Ok::<(), insonify::material_case::MaterialCaseError>(())
 //! ```
 
 mod error;
@@ -31,7 +31,7 @@ mod report;
 mod resolve;
 pub mod rheometer;
 
-pub use error::{CaseError, Wrong};
+pub use error::{MaterialCaseError, Wrong};
 pub use file::{CaseFile, ControlName, HistorySpec, Law, RuleName, StructureName};
 pub use report::Report;
 pub use resolve::Case;

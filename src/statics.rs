@@ -45,7 +45,7 @@ pub use run::History;
 pub const EXAMPLE: &str = include_str!("../assets/press.toml");
 
 /// Another, of viscoelastic tissue with a history.
-pub const CREEP: &str = include_str!("../assets/liver-creep.toml");
+pub const CREEP: &str = include_str!("../assets/liver-plate.toml");
 
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@ use crate::mechanics::needle::beam::BeamError;
 use crate::mechanics::needle::beam::inverse::InverseError;
 
 /// Why a needle cannot be bent so: what is wrong, the key that it is about and where that stands in the file.
-pub type CaseError = Fault<Wrong>;
+pub type BeamCaseError = Fault<Wrong>;
 
 /// What is wrong with a case.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +38,7 @@ pub enum Wrong {
     Inverse(InverseError),
 }
 
-impl CaseError {
+impl BeamCaseError {
     /// Whether the machine failed rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self.problem(), Wrong::Text(error) if error.is_machine())
@@ -47,7 +47,7 @@ impl CaseError {
 
 impl CaseFile {
     /// An error about a key of this file.
-    pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> CaseError {
-        CaseError::new(wrong).at_key(key, self.source.as_ref())
+    pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> BeamCaseError {
+        BeamCaseError::new(wrong).at_key(key, self.source.as_ref())
     }
 }

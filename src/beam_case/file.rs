@@ -6,7 +6,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::CaseError;
+use super::error::BeamCaseError;
 use crate::document::{self, Source};
 
 /// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
@@ -123,16 +123,16 @@ impl CaseFile {
     /// Reads a case file.
     ///
     /// # Errors
-    /// [`CaseError`] for a file that cannot be read or is no case.
-    pub fn read(path: &Path) -> Result<Self, CaseError> {
+    /// [`BeamCaseError`] for a file that cannot be read or is no case.
+    pub fn read(path: &Path) -> Result<Self, BeamCaseError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
     /// Parses the text of a case file; `name` names it in errors.
     ///
     /// # Errors
-    /// [`CaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, CaseError> {
+    /// [`BeamCaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, BeamCaseError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);
         Ok(file)

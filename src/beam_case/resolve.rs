@@ -1,6 +1,6 @@
 //! From a case file to a beam, and to its shape.
 
-use super::error::{CaseError, Wrong};
+use super::error::{BeamCaseError, Wrong};
 use super::file::{CaseFile, CompressionName, LayerSpec, ModelName};
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::beam::inverse::{self, InverseError, Wanted};
@@ -94,8 +94,8 @@ impl CaseFile {
     /// Checks every number.
     ///
     /// # Errors
-    /// [`CaseError`], with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, CaseError> {
+    /// [`BeamCaseError`], with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, BeamCaseError> {
         let within = |key: &str, found: f64, [low, high]: [f64; 2], unit: &str| {
             let expected = format!("{low} to {high} {unit}");
             match (low..=high).contains(&found) {
@@ -138,7 +138,7 @@ impl CaseFile {
         })
     }
 
-    fn layers(&self) -> Result<Vec<Layer>, CaseError> {
+    fn layers(&self) -> Result<Vec<Layer>, BeamCaseError> {
         if self.layer.is_empty() {
             let (found, expected) = ("no `[[layer]]`".to_owned(), "at least one".to_owned());
             return Err(self.fault("layer", Wrong::Keys { found, expected }));
@@ -168,7 +168,7 @@ impl CaseFile {
         self.layer.iter().enumerate().map(layer).collect()
     }
 
-    fn number(&self, key: String, error: InvalidNeedleModel) -> CaseError {
+    fn number(&self, key: String, error: InvalidNeedleModel) -> BeamCaseError {
         let InvalidNeedleModel { found, expected, .. } = error;
         self.fault(key, Wrong::Number { found, expected })
     }
@@ -178,8 +178,8 @@ impl Case {
     /// Bends the needle.
     ///
     /// # Errors
-    /// [`CaseError`] where it has no shape.
-    pub fn solve(&self) -> Result<Shape, CaseError> {
+    /// [`BeamCaseError`] where it has no shape.
+    pub fn solve(&self) -> Result<Shape, BeamCaseError> {
         self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
     }
 
@@ -199,20 +199,20 @@ impl Case {
     /// Finds the base motion that brings about what is wanted, and the shape of the needle then.
     ///
     /// # Errors
-    /// [`CaseError`] where there is none.
-    pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), CaseError> {
+    /// [`BeamCaseError`] where there is none.
+    pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), BeamCaseError> {
         inverse::find(&mut self.beam()?, wanted).map_err(|error| match error {
             InverseError::Beam(error) => self.blame(error),
             error => self.file.fault("base", Wrong::Inverse(error)),
         })
     }
 
-    fn beam(&self) -> Result<FoundationBeam, CaseError> {
+    fn beam(&self) -> Result<FoundationBeam, BeamCaseError> {
         let key = |error: &InvalidNeedleModel| format!("needle.{}", error.key);
         FoundationBeam::new(&self.problem).map_err(|error| self.file.number(key(&error), error))
     }
 
-    fn blame(&self, error: BeamError) -> CaseError {
+    fn blame(&self, error: BeamError) -> BeamCaseError {
         let key = match &error {
             BeamError::Crushed { depth_mm, .. } => {
                 let mut depth = 0.0;

@@ -6,7 +6,7 @@ use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
 
 /// The example with something else in place of a piece of it.
-fn changed(from: &str, to: &str) -> Result<Case, CaseError> {
+fn changed(from: &str, to: &str) -> Result<Case, BeamCaseError> {
     let text = EXAMPLE.replacen(from, to, 1);
     assert_ne!(text, EXAMPLE, "{from}");
     CaseFile::parse(&text, "beam.toml").and_then(CaseFile::resolve)

@@ -4,11 +4,11 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
-use insonify::beam_case::CaseError;
+use insonify::beam_case::BeamCaseError;
 use insonify::beam_case::points::PointsError;
 use insonify::error::{INPUT, MACHINE};
 use insonify::gpu::GpuError;
-use insonify::material_case::CaseError;
+use insonify::material_case::MaterialCaseError;
 use insonify::mechanics::insertion::StepError;
 use insonify::mechanics::mesh::file::MeshFileError;
 use insonify::mechanics::mesh::generate::GenerateError;
@@ -118,12 +118,13 @@ macro_rules! from_library {
 }
 
 from_library!(
+    BeamCaseError,
     BeamError,
-    CaseError,
     CompletionError,
     GenerateError,
     GpuError,
     InsertionStudyError,
+    MaterialCaseError,
     MeshFileError,
     PhantomError,
     PlotError,

@@ -1,8 +1,8 @@
 //! `insonify schema`: the JSON schemas of what is read and written.
 
 use clap::{Args, ValueEnum};
-use insonify::material_case::CaseFile;
-use insonify::beam_case::CaseFile;
+use insonify::beam_case;
+use insonify::material_case;
 use insonify::output::sidecar::Sidecar;
 use insonify::statics::ProblemFile;
 use schemars::schema_for;
@@ -41,8 +41,8 @@ impl Schema {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify::scene::schema(),
             Of::Problem => schema_for!(ProblemFile).to_value(),
-            Of::Material => schema_for!(CaseFile).to_value(),
-            Of::Beam => schema_for!(CaseFile).to_value(),
+            Of::Material => schema_for!(material_case::CaseFile).to_value(),
+            Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
             Of::Scenario => insonify::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })

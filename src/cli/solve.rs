@@ -84,7 +84,10 @@ impl Solve {
         let problem = ProblemFile::read(path)?.resolve(folder)?;
         if self.history.is_some() && problem.model() == Model::Linear {
             let found = "--history of a problem without one: `model = \"linear\"`".to_owned();
-            return Err(Failure::usage(found, "leave it out, or give the problem a model with a [history]"));
+            return Err(Failure::usage(
+                found,
+                "leave it out, or give the problem a model with a [history]",
+            ));
         }
         problem.warnings().iter().for_each(terminal::warn);
         let solved = problem.solve()?;

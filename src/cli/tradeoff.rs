@@ -1,8 +1,8 @@
 //! `insonify tradeoff`: what accuracy costs in time, measured here and now.
 
-mod insertion;
-mod history;
 mod beam;
+mod history;
+mod insertion;
 mod remesh;
 
 use std::path::PathBuf;

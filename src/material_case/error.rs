@@ -5,7 +5,7 @@ use crate::document::{Fault, Unreadable};
 use crate::mechanics::tissue::viscoelastic::point::PointError;
 
 /// Why a material cannot be tested: what is wrong, the key that it is about and where that stands in the file.
-pub type CaseError = Fault<Wrong>;
+pub type MaterialCaseError = Fault<Wrong>;
 
 /// What is wrong with a test of a material.
 #[derive(Debug, thiserror::Error)]
@@ -26,7 +26,7 @@ pub enum Wrong {
     Point(#[from] PointError),
 }
 
-impl CaseError {
+impl MaterialCaseError {
     /// Whether the machine failed rather than the input.
     pub fn is_machine(&self) -> bool {
         match self.problem() {
@@ -38,13 +38,18 @@ impl CaseError {
 
 impl CaseFile {
     /// An error about keys that contradict each other or do not say enough.
-    pub(super) fn wrong_keys(&self, key: &str, found: impl Into<String>, expected: impl Into<String>) -> CaseError {
+    pub(super) fn wrong_keys(
+        &self,
+        key: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> MaterialCaseError {
         let (found, expected) = (found.into(), expected.into());
-        CaseError::new(Wrong::Keys { found, expected }).at_key(key, self.source.as_ref())
+        MaterialCaseError::new(Wrong::Keys { found, expected }).at_key(key, self.source.as_ref())
     }
 
     /// The error with the key that it is about.
-    pub(super) fn blame(&self, error: PointError) -> CaseError {
+    pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
         let key = match &error {
             PointError::Number { key, at, .. } => {
                 let key = match *key {
@@ -57,6 +62,6 @@ impl CaseFile {
             PointError::History(_) => "history.time_s".to_owned(),
             PointError::Overflow { .. } => "history.value".to_owned(),
         };
-        CaseError::new(error).at_key(key, self.source.as_ref())
+        MaterialCaseError::new(error).at_key(key, self.source.as_ref())
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::error::CaseError;
+use super::error::MaterialCaseError;
 use crate::document::{self, Source};
 
 /// A test of a material: one point in simple shear.
@@ -102,16 +102,16 @@ impl CaseFile {
     /// Reads a case file.
     ///
     /// # Errors
-    /// [`CaseError`] for a file that cannot be read or is no case.
-    pub fn read(path: &Path) -> Result<Self, CaseError> {
+    /// [`MaterialCaseError`] for a file that cannot be read or is no case.
+    pub fn read(path: &Path) -> Result<Self, MaterialCaseError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
     /// Parses the text of a case file; `name` names it in errors.
     ///
     /// # Errors
-    /// [`CaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, CaseError> {
+    /// [`MaterialCaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, MaterialCaseError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);
         Ok(file)

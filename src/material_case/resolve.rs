@@ -1,6 +1,6 @@
 //! From a case file to a material and its history.
 
-use super::error::CaseError;
+use super::error::MaterialCaseError;
 use super::file::{CaseFile, ControlName, Law, RuleName, StructureName};
 use super::report::Report;
 use crate::mechanics::tissue::viscoelastic::point::{
@@ -20,8 +20,8 @@ impl CaseFile {
     /// Checks every key and number.
     ///
     /// # Errors
-    /// [`CaseError`], with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, CaseError> {
+    /// [`MaterialCaseError`], with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, MaterialCaseError> {
         let point = Point {
             body: self.body()?,
             knee: self.knee()?,
@@ -54,7 +54,7 @@ impl CaseFile {
         })
     }
 
-    fn body(&self) -> Result<Body, CaseError> {
+    fn body(&self) -> Result<Body, MaterialCaseError> {
         let (order, modulus_kpa) = (self.order, self.modulus_kpa);
         match self.law {
             Law::SpringPot => {
@@ -86,7 +86,7 @@ impl CaseFile {
         }
     }
 
-    fn knee(&self) -> Result<Knee, CaseError> {
+    fn knee(&self) -> Result<Knee, MaterialCaseError> {
         match (self.knee_strain, self.stiffening) {
             (None, None) => Ok(Knee::NONE),
             (Some(strain), Some(stiffening)) => Ok(Knee { strain, stiffening }),
@@ -118,15 +118,15 @@ impl Case {
     /// Follows the history.
     ///
     /// # Errors
-    /// [`CaseError`] where the rule cannot follow it, or where stress or strain leaves the range of numbers.
-    pub fn run(&self) -> Result<Report, CaseError> {
+    /// [`MaterialCaseError`] where the rule cannot follow it, or where stress or strain leaves the range of numbers.
+    pub fn run(&self) -> Result<Report, MaterialCaseError> {
         let response = self.point.respond(&self.loading, self.method);
         let response = response.map_err(|error| self.blame(error))?;
         Ok(Report::new(&self.loading, response))
     }
 
     /// The error with the key that it is about.
-    pub(super) fn blame(&self, error: PointError) -> CaseError {
+    pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
         self.file.blame(error)
     }
 }

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::error::CaseError;
+use super::error::MaterialCaseError;
 use super::resolve::Case;
 use crate::mechanics::tissue::viscoelastic::point::{
     Body, Control, Knee, Loading, Method, Point, PointError, Structure,
@@ -70,8 +70,8 @@ impl Case {
     /// Measures the material. Only its knee and its structure count for creep; the sine is as small as in the paper.
     ///
     /// # Errors
-    /// [`CaseError`] where stress or strain leaves the range of numbers.
-    pub fn rheometer(&self) -> Result<Rheometer, CaseError> {
+    /// [`MaterialCaseError`] where stress or strain leaves the range of numbers.
+    pub fn rheometer(&self) -> Result<Rheometer, MaterialCaseError> {
         let point = self.point();
         let measured = || -> Result<Rheometer, PointError> {
             Ok(Rheometer {

@@ -8,10 +8,12 @@ pub mod beam;
 mod bending;
 mod cantilever;
 mod chain;
+mod jointed;
 mod line;
 mod rigid;
 mod shaft;
 mod springs;
+mod tangent;
 
 use std::fmt::Debug;
 
@@ -19,8 +21,8 @@ use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 pub use bending::BendingConstraint;
-pub(in crate::mechanics) use line::across;
 pub use cantilever::{Cantilever, ELEMENT_MM};
+pub(in crate::mechanics) use line::across;
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{Constrained, Rigid};
 pub use shaft::{Bevel, InvalidNeedleModel, Shaft};

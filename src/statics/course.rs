@@ -160,7 +160,11 @@ impl HistorySpec {
             let steps = self.steps(length);
             for step in 1..=steps {
                 let share = step as f64 / steps as f64;
-                let time_s = if step == steps { pair[1] } else { pair[0] + share * length };
+                let time_s = if step == steps {
+                    pair[1]
+                } else {
+                    pair[0] + share * length
+                };
                 moments.push(Moment { time_s, after, share });
             }
         }
@@ -225,7 +229,11 @@ impl ProblemFile {
         let tables = [
             ("nonlinear", self.nonlinear.is_some(), linear),
             ("history", self.history.is_some(), linear),
-            ("viscoelastic", self.viscoelastic.is_some(), self.model != Model::Viscoelastic),
+            (
+                "viscoelastic",
+                self.viscoelastic.is_some(),
+                self.model != Model::Viscoelastic,
+            ),
         ];
         for (table, given, out_of_place) in tables {
             if given && out_of_place {
@@ -248,10 +256,25 @@ impl ProblemFile {
             false => Err(self.fault(key, Wrong::Number { found, expected })),
         };
         let (tolerance, iterations) = (solver.tolerance, f64::from(solver.iterations));
-        number("nonlinear.tolerance", tolerance, tolerance > 0.0 && tolerance < 1.0, "above 0 and below 1")?;
-        number("nonlinear.iterations", iterations, (1.0..=1000.0).contains(&iterations), "1 to 1000")?;
+        number(
+            "nonlinear.tolerance",
+            tolerance,
+            tolerance > 0.0 && tolerance < 1.0,
+            "above 0 and below 1",
+        )?;
+        number(
+            "nonlinear.iterations",
+            iterations,
+            (1.0..=1000.0).contains(&iterations),
+            "1 to 1000",
+        )?;
         let order = self.viscoelastic.unwrap_or_default().order;
-        number("viscoelastic.order", order, (0.0..=1.0).contains(&order), "0 (elastic) to 1 (viscous)")?;
+        number(
+            "viscoelastic.order",
+            order,
+            (0.0..=1.0).contains(&order),
+            "0 (elastic) to 1 (viscous)",
+        )?;
         let course = self.course();
         self.check_times(&course)?;
         self.factors("history.factor", &course.factor, &course)?;

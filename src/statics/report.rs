@@ -87,7 +87,8 @@ impl fmt::Display for Report {
         };
         writeln!(f, "residual     {:.1e} ({what})", self.residual)?;
         if let Some(history) = &self.history {
-            let [iterations, factorisations] = [&history.iterations, &history.factorisations].map(|all| all.iter().sum::<usize>());
+            let [iterations, factorisations] =
+                [&history.iterations, &history.factorisations].map(|all| all.iter().sum::<usize>());
             writeln!(
                 f,
                 "history      {} steps to {} s, {iterations} iterations, {factorisations} factorisations",

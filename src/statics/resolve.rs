@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use super::error::{StaticsError, Wrong};
 use super::course::Model;
+use super::error::{StaticsError, Wrong};
 use super::file::{MaterialSpec, ProblemFile};
 use super::run::History;
 use super::selection::AXES;
@@ -263,8 +263,11 @@ impl Problem {
 
     /// The force that each `[[fix]]` puts on the mesh, in sum, N; what two hold counts for the first.
     pub fn reactions(&self, solution: &Solution) -> Vec<[f64; 3]> {
-        let forces: BTreeMap<(u32, u8), f64> =
-            solution.reactions.iter().map(|reaction| ((reaction.node, reaction.axis), reaction.force_n)).collect();
+        let forces: BTreeMap<(u32, u8), f64> = solution
+            .reactions
+            .iter()
+            .map(|reaction| ((reaction.node, reaction.axis), reaction.force_n))
+            .collect();
         self.held_by(|node, axis| forces.get(&(node, axis)).copied().unwrap_or(0.0))
     }
 

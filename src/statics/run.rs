@@ -42,7 +42,10 @@ impl History {
         text.extend((0..fixes).map(|fix| axes(format!("fix{fix}"), "n")));
         text.push('\n');
         for (at, time_s) in self.time_s.iter().enumerate() {
-            text += &format!("{time_s},{},{},{:e}", self.iterations[at], self.factorisations[at], self.residual[at]);
+            text += &format!(
+                "{time_s},{},{},{:e}",
+                self.iterations[at], self.factorisations[at], self.residual[at]
+            );
             let vectors = self.displacement_mm[at].iter().chain(&self.reaction_n[at]);
             text.extend(vectors.flatten().map(|value| format!(",{value}")));
             text.push('\n');
@@ -65,7 +68,10 @@ impl Problem {
         self.check_held()?;
         let check = started.elapsed().as_secs_f64();
         let body = Arc::new(self.body()?);
-        let supports = Supports::new(self.mesh().nodes().len(), self.fixes.iter().map(|fix| (fix.node, fix.axis)));
+        let supports = Supports::new(
+            self.mesh().nodes().len(),
+            self.fixes.iter().map(|fix| (fix.node, fix.axis)),
+        );
         let assembled = started.elapsed().as_secs_f64();
         let given = Given {
             problem: self,
@@ -148,7 +154,8 @@ impl Problem {
             let values: Vec<f64> = factors.iter().map(|factor| factor * fix.displacement_mm).collect();
             if self.file.model == Model::Viscoelastic && values[0] != 0.0 {
                 let found = format!("a displacement of {} mm at the start", values[0]);
-                let expected = "0 there: a jump of viscous tissue takes a force without bound; let it grow over a short time";
+                let expected =
+                    "0 there: a jump of viscous tissue takes a force without bound; let it grow over a short time";
                 return Err(self.file.wrong_keys(format!("fix[{table}]"), found, expected));
             }
             let first = given.entry((fix.node, fix.axis)).or_insert_with(|| values.clone());
@@ -174,7 +181,9 @@ impl Problem {
             runner.forces()[dof] - loads[dof]
         };
         history.time_s.push(time_s);
-        history.displacement_mm.push(self.report_nodes().iter().map(vector).collect());
+        history
+            .displacement_mm
+            .push(self.report_nodes().iter().map(vector).collect());
         history.reaction_n.push(self.held_by(force));
         history.iterations.push(progress.iterations);
         history.factorisations.push(progress.factorisations);
@@ -202,7 +211,14 @@ struct Given<'a> {
 
 impl Given<'_> {
     fn at(&self, moment: &Moment) -> (Vec<f64>, Vec<f64>) {
-        let Problem { file, fixes, tables, loads, load_tables, .. } = self.problem;
+        let Problem {
+            file,
+            fixes,
+            tables,
+            loads,
+            load_tables,
+            ..
+        } = self.problem;
         let course = file.course();
         let factor = |own: &Option<Vec<f64>>| moment.of(own.as_ref().unwrap_or(&course.factor));
         let mut forces = vec![0.0; self.supports.all()];
@@ -216,7 +232,12 @@ impl Given<'_> {
         for (fix, &table) in fixes.iter().zip(tables) {
             places[3 * fix.node as usize + fix.axis as usize] = factor(&file.fix[table].factor) * fix.displacement_mm;
         }
-        let held = self.supports.prescribed().iter().map(|dof| places[*dof as usize]).collect();
+        let held = self
+            .supports
+            .prescribed()
+            .iter()
+            .map(|dof| places[*dof as usize])
+            .collect();
         (forces, held)
     }
 }
@@ -235,8 +256,9 @@ impl ProblemFile {
                     let found = format!("`{name}` beside `model = \"linear\"`");
                     return Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"));
                 }
-                (Some(knee), Some(rate)) => Stiffening::new(material, knee, rate)
-                    .map_err(|error| self.fault(key(error.key()), error))?,
+                (Some(knee), Some(rate)) => {
+                    Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(error.key()), error))?
+                }
                 (Some(_), None) => {
                     return Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"));
                 }

@@ -148,6 +148,7 @@ pub fn table_one() -> Result<Study, BeamError> {
         marker: vec!["inserted_mm"],
         only: Vec::new(),
         joined: false,
+        marked: true,
         front: false,
     };
     Ok(Study {

@@ -43,7 +43,7 @@ mod tests {
     #[test]
     fn sines_are_those_of_the_power_series() {
         for k in [0.0, 1e-3, 0.1, 0.5, 0.9, 0.999, 1.0] {
-            for (w, t) in [(1.0, 0.3), (2.0, 1.0), (3.0, 2.0), (0.01, 100.0)] {
+            for (w, t) in [(1.0, 0.3_f64), (2.0, 1.0), (3.0, 2.0), (0.01, 100.0)] {
                 let term = |m: i32| {
                     let n = 2.0 * f64::from(m) + 1.0;
                     f64::powi(-1.0, m) * f64::powf(w, n) * t.powf(n + k) / tgamma(n + 1.0 + k)

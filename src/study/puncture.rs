@@ -15,7 +15,9 @@ use super::plot::{Axis, Marker, Plot, PlotError, Series};
 use crate::mechanics::insertion::pushing::{InvalidWay, Phase, Pushing};
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
-use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening, NonlinearError, Options, Scheme, Solver, Structure};
+use crate::mechanics::tissue::nonlinear::{
+    InvalidBody, InvalidStiffening, NonlinearError, Options, Scheme, Solver, Structure,
+};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 use liver::Liver;
 
@@ -152,7 +154,11 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
     let steps = (WAY_MM / step).ceil();
     if steps > 1e5 {
         let expected = "a way of at least 0.00042 mm";
-        return Err(PunctureError::Number { what: "step_mm", found: step, expected });
+        return Err(PunctureError::Number {
+            what: "step_mm",
+            found: step,
+            expected,
+        });
     }
     let liver = Liver::new(options)?;
     let solving = Options {
@@ -170,8 +176,16 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
             ..Span::default()
         };
         let loads = vec![0.0; solver.supports().all()];
-        let creep = Creep::new(solver, Memory::LoadIntegral, options.order, Rule::Exponentials(span), &loads);
-        Structure::Viscous(Box::new(creep.map_err(|cause| PunctureError::Step { travel_mm: 0.0, cause })?))
+        let creep = Creep::new(
+            solver,
+            Memory::LoadIntegral,
+            options.order,
+            Rule::Exponentials(span),
+            &loads,
+        );
+        Structure::Viscous(Box::new(
+            creep.map_err(|cause| PunctureError::Step { travel_mm: 0.0, cause })?,
+        ))
     };
     let mut needle = Pushing::new(structure, liver.entry, [0.0, -1.0], liver.layers.clone())?;
     let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
@@ -184,7 +198,10 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         vein_mm: far - near,
         punctured: None,
     }];
-    let mut pictures = vec![("rest".to_owned(), draw::slice(&liver, needle.structure().displacement(), 0.0))];
+    let mut pictures = vec![(
+        "rest".to_owned(),
+        draw::slice(&liver, needle.structure().displacement(), 0.0),
+    )];
     // The last state before a puncture, which has to be drawn once it is known to be the last.
     for at in 1..=steps as usize {
         let travel_mm = (at as f64 * step).min(WAY_MM);
@@ -211,7 +228,10 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         }
     }
     let travelled = rows[rows.len() - 1].travel_mm;
-    pictures.push(("end".to_owned(), draw::slice(&liver, needle.structure().displacement(), travelled)));
+    pictures.push((
+        "end".to_owned(),
+        draw::slice(&liver, needle.structure().displacement(), travelled),
+    ));
     Ok(Puncture {
         options: *options,
         rows,

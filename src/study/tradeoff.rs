@@ -11,9 +11,9 @@
 //! | [`remesh`] | levels of remeshing |
 //! | [`history`] | rules of fading memory |
 
-pub mod insertion;
-pub mod history;
 pub mod beam;
+pub mod history;
+pub mod insertion;
 pub mod remesh;
 mod render;
 #[cfg(test)]

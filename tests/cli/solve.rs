@@ -128,7 +128,10 @@ rule = \"trapezoid\"
 ";
 
 fn creeping() -> String {
-    let stiff = PROBLEM.replace("poisson = 0.3\n", "poisson = 0.3\nknee_strain = 0.001\nstiffening = 100.0\n");
+    let stiff = PROBLEM.replace(
+        "poisson = 0.3\n",
+        "poisson = 0.3\nknee_strain = 0.001\nstiffening = 100.0\n",
+    );
     format!("model = \"viscoelastic\"\n{stiff}{HISTORY}")
 }
 
@@ -136,7 +139,10 @@ fn creeping() -> String {
 fn tissue_creeps_over_time() {
     let bench = bench();
     let elastic = bench.run("solve p.toml --json").json();
-    assert_eq!((&elastic["model"], &elastic["history"]), (&"linear".into(), &serde_json::Value::Null));
+    assert_eq!(
+        (&elastic["model"], &elastic["history"]),
+        (&"linear".into(), &serde_json::Value::Null)
+    );
     bench.write("p.toml", &creeping());
     let found = bench.run("solve p.toml --json -o out.vtu --history out.csv").json();
     let history = &found["history"];
@@ -144,7 +150,10 @@ fn tissue_creeps_over_time() {
     assert_eq!(times.len(), 13);
     assert_eq!((times[0], times[4], times[12]), (0.0, 1.0, 3.0));
     let moved = |at: usize| history["displacement_mm"][at][0][2].as_f64().unwrap();
-    assert!(moved(0) == 0.0 && moved(4) > 0.0 && moved(12) > 1.1 * moved(4), "{history}");
+    assert!(
+        moved(0) == 0.0 && moved(4) > 0.0 && moved(12) > 1.1 * moved(4),
+        "{history}"
+    );
     assert_eq!(found["displacement_mm"][0], history["displacement_mm"][12][0]);
     // The one fix holds the load, all the time.
     for at in 4..13 {
@@ -159,7 +168,9 @@ fn tissue_creeps_over_time() {
     let text = bench.run("solve p.toml").text().to_owned();
     assert!(text.contains("12 steps to 3 s"), "{text}");
     // Below the knee, and elastic, it is the linear body at the end.
-    let soft = creeping().replace("0.001", "1.0").replace("viscoelastic\"", "nonlinear\"");
+    let soft = creeping()
+        .replace("0.001", "1.0")
+        .replace("viscoelastic\"", "nonlinear\"");
     bench.write("p.toml", soft.split("[viscoelastic]").next().unwrap());
     let found = bench.run("solve p.toml --json").json();
     let [a, b] = [&found, &elastic].map(|report| report["displacement_mm"][0][2].as_f64().unwrap());
@@ -170,24 +181,69 @@ fn tissue_creeps_over_time() {
 fn what_a_history_says_is_checked() {
     let bench = bench();
     let with = |from: &str, to: &str| creeping().replace(from, to);
-    refused(&bench, &with("[0, 1, 3]", "[0, 3, 1]"), 14, &["history.time_s[2]", "found 1", "ascending"]);
-    refused(&bench, &with("[0, 1, 1]", "[0, 1]"), 15, &["2 factors", "one for each of the 3 times"]);
-    refused(&bench, &with("step_s = 0.25", "step_s = 0.0"), 16, &["history.step_s", "above 0"]);
-    refused(&bench, &with("order = 0.5", "order = 1.5"), 18, &["viscoelastic.order", "found 1.5"]);
-    refused(&bench, &with("model = \"viscoelastic\"\n", ""), 6, &["knee_strain", "model = \"linear\""]);
-    refused(&bench, &with("model = \"viscoelastic\"", "model = \"nonlinear\""), 17, &["[viscoelastic] beside"]);
+    refused(
+        &bench,
+        &with("[0, 1, 3]", "[0, 3, 1]"),
+        14,
+        &["history.time_s[2]", "found 1", "ascending"],
+    );
+    refused(
+        &bench,
+        &with("[0, 1, 1]", "[0, 1]"),
+        15,
+        &["2 factors", "one for each of the 3 times"],
+    );
+    refused(
+        &bench,
+        &with("step_s = 0.25", "step_s = 0.0"),
+        16,
+        &["history.step_s", "above 0"],
+    );
+    refused(
+        &bench,
+        &with("order = 0.5", "order = 1.5"),
+        18,
+        &["viscoelastic.order", "found 1.5"],
+    );
+    refused(
+        &bench,
+        &with("model = \"viscoelastic\"\n", ""),
+        6,
+        &["knee_strain", "model = \"linear\""],
+    );
+    refused(
+        &bench,
+        &with("model = \"viscoelastic\"", "model = \"nonlinear\""),
+        17,
+        &["[viscoelastic] beside"],
+    );
     refused(&bench, &with("stiffening = 100.0\n", ""), 6, &["`knee_strain` alone"]);
-    refused(&bench, &with("stiffening = 100.0", "stiffening = -1.0"), 7, &["material[0].stiffening", "0 or more"]);
-    let jump = with("nodes = [0, 1, 2]\n", "nodes = [0, 1, 2]\ndisplacement_mm = [0.1, 0, 0]\nfactor = [1, 1, 1]\n");
+    refused(
+        &bench,
+        &with("stiffening = 100.0", "stiffening = -1.0"),
+        7,
+        &["material[0].stiffening", "0 or more"],
+    );
+    let jump = with(
+        "nodes = [0, 1, 2]\n",
+        "nodes = [0, 1, 2]\ndisplacement_mm = [0.1, 0, 0]\nfactor = [1, 1, 1]\n",
+    );
     refused(&bench, &jump, 8, &["0.1 mm at the start", "without bound"]);
     let uneven = with("\"trapezoid\"", "\"gruenwald-letnikov\"").replace("[0, 1, 3]", "[0, 1, 3.1]");
     refused(&bench, &uneven, 19, &["equal steps only"]);
     let few = format!("{}[nonlinear]\niterations = 1\ntolerance = 1e-12\n", creeping());
     refused(&bench, &few, 20, &["at 0.25 s", "do not balance after 1 iterations"]);
     let none = creeping();
-    refused(&bench, none.split("[history]").next().unwrap(), 1, &["without a history"]);
+    refused(
+        &bench,
+        none.split("[history]").next().unwrap(),
+        1,
+        &["without a history"],
+    );
     bench.write("p.toml", PROBLEM);
-    bench.run("solve p.toml --history out.csv").fails(2, &["--history", "linear"]);
+    bench
+        .run("solve p.toml --history out.csv")
+        .fails(2, &["--history", "linear"]);
 }
 
 #[test]
@@ -195,13 +251,21 @@ fn the_creeping_example_runs_as_it_says() {
     let bench = Bench::new();
     let example = bench.run("solve --example=viscoelastic").text().to_owned();
     bench.write("creep.toml", &example);
-    let commands: Vec<&str> = example.lines().filter_map(|line| line.strip_prefix("#   insonify ")).collect();
-    commands.iter().for_each(|command| drop(bench.run(command).text().to_owned()));
+    let commands: Vec<&str> = example
+        .lines()
+        .filter_map(|line| line.strip_prefix("#   insonify "))
+        .collect();
+    commands
+        .iter()
+        .for_each(|command| drop(bench.run(command).text().to_owned()));
     assert_eq!(commands.len(), 2);
     let found = bench.run("solve creep.toml --json").json();
     let force = |at: usize| found["history"]["reaction_n"][at][1][1].as_f64().unwrap();
     // The plate arrives after ten steps; faster than in proportion; then the force fades.
-    assert!(force(10) > 2.0 * force(5) && force(50) < 0.95 * force(10) && force(50) > 0.0, "{found}");
+    assert!(
+        force(10) > 2.0 * force(5) && force(50) < 0.95 * force(10) && force(50) > 0.0,
+        "{found}"
+    );
 }
 
 #[test]
@@ -209,7 +273,18 @@ fn the_schema_names_every_key() {
     let bench = Bench::new();
     let schema = bench.run("schema solve").json();
     assert_eq!(schema, bench.run("schema problem").json());
-    for key in ["mesh", "region", "report_nodes", "material", "fix", "load", "model", "history", "viscoelastic", "nonlinear"] {
+    for key in [
+        "mesh",
+        "region",
+        "report_nodes",
+        "material",
+        "fix",
+        "load",
+        "model",
+        "history",
+        "viscoelastic",
+        "nonlinear",
+    ] {
         assert!(schema["properties"][key].is_object(), "{key}");
     }
 }

@@ -148,7 +148,9 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// How far tissue at a depth on the needle's way is displaced along it, mm.
     pub fn along(&self, depth_mm: f64) -> f64 {
-        self.line.contact(self.body(), depth_mm, 0.0).along(self.structure.displacement())
+        self.line
+            .contact(self.body(), depth_mm, 0.0)
+            .along(self.structure.displacement())
     }
 
     /// Moves the tip to `travel_mm` beyond the entry (below 0: before it), in `step_s` seconds.
@@ -163,7 +165,12 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         };
         self.loads.fill(0.0);
         let mut shaft_n = 0.0;
-        let layer_of = |depth: f64| self.layers.iter().rposition(|layer| layer.from_mm <= depth).unwrap_or(0);
+        let layer_of = |depth: f64| {
+            self.layers
+                .iter()
+                .rposition(|layer| layer.from_mm <= depth)
+                .unwrap_or(0)
+        };
         for (point, from, to) in self.line.pieces(depth_mm) {
             let force = self.layers[layer_of(0.5 * (from + to))].friction_n_per_mm * (to - from);
             shaft_n += force;
@@ -172,9 +179,12 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         let mut tip_n = 0.0;
         if let Phase::Cutting(layer) = phase {
             tip_n = self.layers[layer].cutting_n;
-            self.line.contact(self.body(), depth_mm, 0.0).add(tip_n, &mut self.loads);
+            self.line
+                .contact(self.body(), depth_mm, 0.0)
+                .add(tip_n, &mut self.loads);
         }
-        self.structure.step(step_s, &self.loads, &self.prescribed, self.contact.as_ref())?;
+        self.structure
+            .step(step_s, &self.loads, &self.prescribed, self.contact.as_ref())?;
         (self.phase, self.depth_mm) = (phase, depth_mm);
         let mut punctured = None;
         if let Phase::Pushing(layer) = phase {
@@ -202,7 +212,11 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         match self.phase {
             Phase::Pushing(layer) => (Phase::Pushing(layer), self.depth_mm),
             Phase::Free if place(self.depth_mm) < travel_mm => {
-                let layer = self.layers.iter().rposition(|layer| layer.from_mm <= self.depth_mm).unwrap_or(0);
+                let layer = self
+                    .layers
+                    .iter()
+                    .rposition(|layer| layer.from_mm <= self.depth_mm)
+                    .unwrap_or(0);
                 (Phase::Pushing(layer), self.depth_mm)
             }
             Phase::Free => (Phase::Free, self.depth_mm),
@@ -210,13 +224,21 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
                 let next = self.layers.get(layer + 1).map_or(f64::INFINITY, |layer| layer.from_mm);
                 let end = next.min(self.line.length());
                 if place(end) <= travel_mm {
-                    return if end < next { (Phase::Free, end) } else { self.entered(layer + 1, end) };
+                    return if end < next {
+                        (Phase::Free, end)
+                    } else {
+                        self.entered(layer + 1, end)
+                    };
                 }
                 // Cut tissue stays cut: the tip is not above where it was.
                 let (mut low, mut high) = (self.depth_mm, end);
                 for _ in 0..60 {
                     let middle = 0.5 * (low + high);
-                    if place(middle) < travel_mm { low = middle } else { high = middle }
+                    if place(middle) < travel_mm {
+                        low = middle
+                    } else {
+                        high = middle
+                    }
                 }
                 (Phase::Cutting(layer), low)
             }
@@ -240,8 +262,17 @@ fn check(layers: &[Layer]) -> Result<(), InvalidWay> {
         });
     }
     for (at, layer) in layers.iter().enumerate() {
-        let wrong = |what, found, expected| Err(InvalidWay::Layer { layer: at, what, found, expected });
-        let above = at.checked_sub(1).map_or(f64::NEG_INFINITY, |above| layers[above].from_mm);
+        let wrong = |what, found, expected| {
+            Err(InvalidWay::Layer {
+                layer: at,
+                what,
+                found,
+                expected,
+            })
+        };
+        let above = at
+            .checked_sub(1)
+            .map_or(f64::NEG_INFINITY, |above| layers[above].from_mm);
         if !(layer.from_mm.is_finite() && layer.from_mm > above) {
             return wrong("from_mm", layer.from_mm, "more than that of the layer above");
         }

@@ -1,32 +1,11 @@
 //! Rigid links in a row, some joined by joints: the geometry that the models share.
 
-use std::f64::consts::FRAC_PI_4;
-
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::{Bevel, CentreLine, Load};
+use super::{Bevel, CentreLine};
 
 /// Nodes closer than this along the shaft are one, mm.
 const APART_MM: f64 = 1e-9;
-
-/// A joint turns by at most this, rad.
-pub(super) const MAX_TURN: f64 = FRAC_PI_4;
-
-/// Forces of more than this along an axis count as this, N: so that no product of them overflows.
-const MAX_FORCE_N: f64 = 1e60;
-
-/// Force (N) on what lies beyond a point of the shaft, and its moment about that point (N mm).
-pub(super) type Beyond = (Vector3<f64>, Vector3<f64>);
-
-/// At most as far as a joint turns.
-pub(super) fn limited(angle: Vector3<f64>) -> Vector3<f64> {
-    let turn = angle.norm();
-    if turn > MAX_TURN {
-        angle * (MAX_TURN / turn)
-    } else {
-        angle
-    }
-}
 
 /// Nodes along the undeformed shaft: base, joints, the start of the bevel, tip.
 #[derive(Clone, Debug)]
@@ -41,12 +20,13 @@ pub(super) struct Chain {
 }
 
 impl Chain {
-    /// A shaft with joints at rising arcs within it (mm). Bevel and length are checked.
+    /// A shaft with joints at rising arcs (mm) within it, the first of them at the base or not. Bevel and length are checked.
     pub(super) fn new(length_mm: f64, joints: &[f64], bevel: Option<&Bevel>) -> Self {
-        let mut arcs = vec![0.0];
+        let first = usize::from(joints.first() != Some(&0.0));
+        let mut arcs = vec![0.0; first];
         arcs.extend_from_slice(joints);
         arcs.push(length_mm);
-        let mut at: Vec<usize> = (1..=joints.len()).collect();
+        let mut at: Vec<usize> = (first..first + joints.len()).collect();
         let tilt = bevel.filter(|bevel| bevel.r_mm > 0.0).map(|bevel| {
             let start = length_mm - bevel.length_mm;
             let near = arcs.iter().position(|arc| (arc - start).abs() < APART_MM);
@@ -92,28 +72,6 @@ impl Chain {
         turns && line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
     }
 
-    /// What loads lie beyond the base (first) and beyond each joint, on the shaft as `line` has it.
-    pub(super) fn gather(&self, loads: &[Load], line: &CentreLine, beyond: &mut Vec<Beyond>) {
-        beyond.clear();
-        beyond.resize(self.joints.len() + 1, Beyond::default());
-        let nodes = line.nodes();
-        let base = nodes[0].1;
-        for load in loads {
-            let force = load.force_n.map(|part| part.clamp(-MAX_FORCE_N, MAX_FORCE_N));
-            let last = &mut beyond[self.joints_before(load.arc_mm)];
-            last.0 += force;
-            last.1 += (line.at(load.arc_mm).point_mm - base).cross(&force);
-        }
-        for joint in (1..beyond.len()).rev() {
-            let (force, moment) = beyond[joint];
-            beyond[joint - 1].0 += force;
-            beyond[joint - 1].1 += moment;
-        }
-        for (&node, (force, moment)) in self.joints.iter().zip(&mut beyond[1..]) {
-            *moment -= (nodes[node].1 - base).cross(force);
-        }
-    }
-
     /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for
     /// the direction of the link before it; frames are carried along by these rotations alone.
     pub(super) fn place(
@@ -134,6 +92,15 @@ impl Chain {
         self.nodes.clear();
         self.turns.clear();
         self.nodes.push(turned);
+        if self.joints.first() == Some(&0) {
+            let angle = turn(0, &along);
+            self.turns.push(angle);
+            if angle != Vector3::zeros() {
+                frame = UnitQuaternion::from_scaled_axis(angle) * frame;
+                along = direction(&frame, 0);
+            }
+            joint = 1;
+        }
         for (node, &arc) in self.arcs.iter().enumerate().skip(1) {
             let point = turned.1 + along * (arc - turned.0);
             self.nodes.push((arc, point));

@@ -1,6 +1,6 @@
 //! The centre line of a needle: a polyline from base to tip, by arc length of the undeformed shaft.
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Two directions across a unit vector and each other.
@@ -60,6 +60,16 @@ impl CentreLine {
         self.turns.clear();
         self.turns.extend_from_slice(turns);
         debug_assert!(self.nodes.len() >= 2 && self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0));
+    }
+
+    /// The direction before a node (of unit length): of the link before it, or, at the base, where the first link pointed before the
+    /// joint there turned.
+    pub(super) fn before(&self, node: usize, turn: &Vector3<f64>) -> Vector3<f64> {
+        if node > 0 {
+            (self.nodes[node].1 - self.nodes[node - 1].1).normalize()
+        } else {
+            UnitQuaternion::from_scaled_axis(-*turn) * (self.nodes[1].1 - self.nodes[0].1).normalize()
+        }
     }
 
     /// Moves all of it.

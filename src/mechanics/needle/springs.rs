@@ -1,27 +1,23 @@
 //! Angular springs: a flexible needle of rigid links.
 
-mod tangent;
 #[cfg(test)]
 mod tests;
 
 use std::f64::consts::PI;
 
 use faer::Mat;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 
-use super::chain::{Beyond, Chain, limited};
+use super::chain::Chain;
+use super::jointed::{Jointed, Resistance};
 use super::shaft::check;
 use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
-use tangent::Tangent;
 
 /// Length of a link for which the paper states the stiffness of its joint, mm.
 pub const LINK_MM: f64 = 10.0;
 
 /// Most links of a needle.
 const MAX_LINKS: f64 = 1000.0;
-
-/// A joint turns by at most this, rad.
-const MAX_TURN: f64 = FRAC_PI_4;
 
 /// How hard a needle is to bend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,28 +74,7 @@ impl Stiffness {
 /// A joint turns by at most 45 degrees.
 #[derive(Clone, Debug)]
 pub struct Springs {
-    chain: Chain,
-    radius_mm: f64,
-    /// Torque by angle of a joint, N mm/rad.
-    stiffness: f64,
-    tangent: Tangent,
-    /// Angle by torque of a joint, rad/(N mm).
-    compliance: f64,
-    beyond: Vec<Beyond>,
-    /// For the first joints together, the flexibility by moment about the base and direction.
-    together: Vec<Matrix6<f64>>,
-    rows: Vec<Twist>,
-}
-
-/// A row of a flexibility, on its way.
-#[derive(Clone, Copy, Debug)]
-struct Twist {
-    /// Joints before it.
-    joints: usize,
-    /// Moment about the base, and direction.
-    row: Vector6<f64>,
-    /// What the joints before it make of that.
-    moved: Vector6<f64>,
+    jointed: Jointed,
 }
 
 impl Springs {
@@ -128,49 +103,21 @@ impl Springs {
         )?;
         let part = length / links;
         let joints: Vec<f64> = (0..links as usize).map(|joint| part * (joint as f64 + 0.5)).collect();
+        let chain = Chain::new(length, &joints, bevel.as_ref());
+        let resistance = Resistance::Springs(stiffness.bending_nmm2() / part);
         Ok(Self {
-            chain: Chain::new(length, &joints, bevel.as_ref()),
-            radius_mm: shaft.radius_mm,
-            stiffness: stiffness.bending_nmm2() / part,
-            tangent: Tangent::default(),
+            jointed: Jointed::new(chain, shaft.radius_mm, resistance),
         })
-    }
-            compliance: part / stiffness.bending_nmm2(),
-            beyond: Vec::new(),
-            together: vec![Matrix6::zeros(); joints.len()],
-            rows: Vec::new(),
-        })
-    }
-
-    /// Sums up what the joints before each joint, and it, yield.
-    fn yielding(&mut self, line: &CentreLine) {
-        let (nodes, mut sum) = (line.nodes(), Matrix6::zeros());
-        for (&node, together) in self.chain.joints().iter().zip(&mut self.together) {
-            let along = (nodes[node].1 - nodes[node - 1].1).normalize();
-            // Torque (m - x n) of a row (m, n), across the shaft.
-            let across = (Matrix3::identity() - along * along.transpose()) * self.compliance;
-            let lever = (nodes[node].1 - nodes[0].1).cross_matrix();
-            let mixed = across * lever;
-            let view = |sum: &mut Matrix6<f64>, at: (usize, usize), part: Matrix3<f64>| {
-                let mut block = sum.fixed_view_mut::<3, 3>(at.0, at.1);
-                block += part;
-            };
-            view(&mut sum, (0, 0), across);
-            view(&mut sum, (0, 3), -mixed);
-            view(&mut sum, (3, 0), -mixed.transpose());
-            view(&mut sum, (3, 3), lever.transpose() * mixed);
-            *together = sum;
-        }
     }
 }
 
 impl Needle for Springs {
     fn length_mm(&self) -> f64 {
-        self.chain.length_mm()
+        self.jointed.length_mm()
     }
 
     fn radius_mm(&self) -> f64 {
-        self.radius_mm
+        self.jointed.radius_mm()
     }
 
     fn is_flexible(&self) -> bool {
@@ -185,21 +132,7 @@ impl Needle for Springs {
         loads: &[Load],
         line: &mut CentreLine,
     ) {
-        if !self.chain.fits(line) {
-            self.chain.place(base, line, |_, _| Vector3::zeros());
-        }
-        self.tangent.set(&self.chain, line, self.stiffness, about);
-        self.tangent.step(&self.chain, line, loads);
-        let tangent = &self.tangent;
-        self.chain.place(base, line, |joint, along| {
-            let turn = tangent.turn(joint);
-            limited(turn - along * along.dot(&turn))
-        self.chain.gather(loads, line, &mut self.beyond);
-        let (beyond, compliance) = (&self.beyond, self.compliance);
-        self.chain.place(base, line, |joint, along| {
-            let torque = beyond[joint + 1].1;
-            limited((torque - along * along.dot(&torque)) * compliance)
-        });
+        self.jointed.place(base, about, loads, line);
     }
 
     fn linearise(
@@ -210,14 +143,6 @@ impl Needle for Springs {
         drift: &mut [f64],
         out: &mut Mat<f64>,
     ) -> usize {
-        if !self.chain.fits(line) {
-            return 0;
-        }
-        let ways = self.tangent.set(&self.chain, line, self.stiffness, loads);
-        self.tangent.set_moves(&self.chain, line, rows);
-        self.tangent.step(&self.chain, line, loads);
-        self.tangent.drift(line, drift);
-        self.tangent.add_flexibility(out);
-        ways
+        self.jointed.linearise(line, loads, rows, drift, out)
     }
 }

@@ -8,10 +8,10 @@ mod scratch;
 use std::sync::Arc;
 
 use faer::linalg::cholesky::llt::factor::LltError;
-use faer::sparse::{FaerError, SparseColMatRef};
 use faer::sparse::linalg::cholesky::{
     LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
+use faer::sparse::{FaerError, SparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use super::assembly::Stiffness;

@@ -22,7 +22,10 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
     };
     let fold = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| nodes.iter().map(|p| p[axis]).fold(start, pick);
     let low = [0, 1].map(|axis| fold(axis, f64::INFINITY, f64::min) - MARGIN_MM);
-    let high = [fold(0, f64::NEG_INFINITY, f64::max) + MARGIN_MM, fold(1, f64::NEG_INFINITY, f64::max) + ABOVE_MM];
+    let high = [
+        fold(0, f64::NEG_INFINITY, f64::max) + MARGIN_MM,
+        fold(1, f64::NEG_INFINITY, f64::max) + ABOVE_MM,
+    ];
     let [width, height] = [0, 1].map(|axis| SCALE * (high[axis] - low[axis]));
     let pixel = |p: [f64; 2]| [SCALE * (p[0] - low[0]), SCALE * (high[1] - p[1])];
     let mut text = format!(
@@ -53,5 +56,10 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
 fn colour(strain: f64) -> String {
     let share = (strain / DARKEST).clamp(0.0, 1.0);
     let mix = |from: f64, to: f64| (from + share * (to - from)).round() as u8;
-    format!("#{:02x}{:02x}{:02x}", mix(246.0, 120.0), mix(205.0, 10.0), mix(187.0, 20.0))
+    format!(
+        "#{:02x}{:02x}{:02x}",
+        mix(246.0, 120.0),
+        mix(205.0, 10.0),
+        mix(187.0, 20.0)
+    )
 }

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::nonlinear::{Body, Options, Scheme, Sheet, Solid, Solver, Stiffening, Supports, Target};
+use insonify::mechanics::tissue::nonlinear::{
+    Body, Options, Scheme, Sheet, Solid, Solver, Stiffening, Supports, Target,
+};
 use nalgebra::Matrix4;
 
 /// 10 kPa that stiffens above a relative strain of 0.1.
@@ -42,7 +44,13 @@ pub fn sheet(cells: [usize; 2], edge: f64, shaken: f64, thickness: f64, law: Sti
     for j in 0..=rows {
         for i in 0..=columns {
             let inside = i > 0 && i < columns && j > 0 && j < rows;
-            let by = |axis| if inside { shaken * edge * shake(nodes.len(), axis) } else { 0.0 };
+            let by = |axis| {
+                if inside {
+                    shaken * edge * shake(nodes.len(), axis)
+                } else {
+                    0.0
+                }
+            };
             nodes.push([i as f64 * edge + by(0), j as f64 * edge + by(1)]);
         }
     }
@@ -97,14 +105,21 @@ pub fn target<'a>(loads: &'a [f64], prescribed: &'a [f64]) -> Target<'a> {
 /// The nodes at a coordinate.
 pub fn at<const D: usize, const N: usize>(body: &Body<D, N>, axis: usize, place: f64) -> Vec<u32> {
     let nodes = (0..).zip(body.nodes());
-    nodes.filter(|(_, p)| (p[axis] - place).abs() < 1e-9).map(|(node, _)| node).collect()
+    nodes
+        .filter(|(_, p)| (p[axis] - place).abs() < 1e-9)
+        .map(|(node, _)| node)
+        .collect()
 }
 
 /// A block of `edge` mm whose three lower faces slide in their planes, and the forces on the nodes of its upper x face that make
 /// a uniform pull of 1 kPa there: uniaxial stress, whatever the mesh. Each triangle of the face shares its third out.
 pub fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Vec<f64>) {
     let body = block([cells; 3], edge / cells as f64, 0.2, law);
-    let held = (0..3u8).flat_map(|axis| at(&body, axis as usize, 0.0).into_iter().map(move |node| (node, axis, 0.0)));
+    let held = (0..3u8).flat_map(|axis| {
+        at(&body, axis as usize, 0.0)
+            .into_iter()
+            .map(move |node| (node, axis, 0.0))
+    });
     let held = held.collect();
     let mut loads = vec![0.0; 3 * body.nodes().len()];
     let face = |node: u32| (body.nodes()[node as usize][0] - edge).abs() < 1e-9;
@@ -113,7 +128,8 @@ pub fn pulled(cells: usize, edge: f64, law: Stiffening) -> (Arc<Solid>, Held, Ve
         if let [a, b, c] = on[..] {
             let [a, b, c] = [a, b, c].map(|node| body.nodes()[node as usize]);
             let area = 0.5 * ((b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])).abs();
-            on.iter().for_each(|node| loads[3 * *node as usize] += 1e-3 * area / 3.0);
+            on.iter()
+                .for_each(|node| loads[3 * *node as usize] += 1e-3 * area / 3.0);
         }
     }
     (body, held, loads)

@@ -1,8 +1,8 @@
 //! Fractional viscosity in a body: closed forms, and where the two laws part.
 
+use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
 use insonify::mechanics::tissue::nonlinear::{Scheme, Stiffening};
-use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::viscoelastic::Rule;
 
 use super::case::{Held, at, block, difference, held, largest, law, options, pulled};
@@ -28,7 +28,10 @@ fn bar(law: Stiffening, memory: Memory, order: f64, stress: f64) -> (Creep<3, 4>
     let (body, rollers, unit) = pulled(1, 4.0, law);
     let (solver, _) = held(&body, &rollers, options(Scheme::Newton));
     let loads: Vec<f64> = unit.iter().map(|f| f * stress).collect();
-    (Creep::new(solver, memory, order, Rule::Trapezoid, &loads).unwrap(), loads)
+    (
+        Creep::new(solver, memory, order, Rule::Trapezoid, &loads).unwrap(),
+        loads,
+    )
 }
 
 fn step(creep: &mut Creep<3, 4>, step_s: f64, loads: &[f64]) {
@@ -46,7 +49,10 @@ fn a_bar_creeps_as_a_power_of_time() {
                 step(&mut creep, step_s, &loads);
                 let expected = 0.1 * creep.time_s().powf(order) / (10.0 * gamma1(order));
                 let found = strain_of(&creep, 4.0);
-                assert!((found / expected - 1.0).abs() < 1e-9, "{found} instead of {expected}, {memory:?}");
+                assert!(
+                    (found / expected - 1.0).abs() < 1e-9,
+                    "{found} instead of {expected}, {memory:?}"
+                );
             }
         }
     }
@@ -93,7 +99,10 @@ fn above_the_knee_the_load_integral_is_as_by_hand() {
         let virtual_stress = creep.time_s().sqrt() / gamma1(0.5);
         let strain = strain_of(&creep, 4.0);
         let found = 10.0 * law.secant(1.3 * strain) * strain;
-        assert!((found / virtual_stress - 1.0).abs() < 1e-9, "{found} instead of {virtual_stress}");
+        assert!(
+            (found / virtual_stress - 1.0).abs() < 1e-9,
+            "{found} instead of {virtual_stress}"
+        );
     }
     assert!(strain_of(&creep, 4.0) > 0.2);
 }
@@ -130,7 +139,12 @@ fn above_the_knee_the_rate_is_a_dashpot_at_order_one() {
 /// order 2 - k for it.
 #[test]
 fn a_driven_ramp_finds_its_reaction() {
-    let body = block([1, 1, 1], 4.0, 0.0, Stiffening::linear(Material::new(10.0, 0.0).unwrap()));
+    let body = block(
+        [1, 1, 1],
+        4.0,
+        0.0,
+        Stiffening::linear(Material::new(10.0, 0.0).unwrap()),
+    );
     let mut driven: Held = Vec::new();
     for (node, p) in (0..).zip(body.nodes()) {
         driven.extend((1..3).map(|axis| (node, axis, 0.0)));
@@ -145,11 +159,17 @@ fn a_driven_ramp_finds_its_reaction() {
                 let now: Vec<f64> = prescribed.iter().map(|u| u * share).collect();
                 creep.step(1.0 / f64::from(steps), &[0.0; 24], &now, None).unwrap();
             }
-            let pulled = at(&body, 0, 4.0).iter().map(|node| creep.forces()[3 * *node as usize]).sum::<f64>();
+            let pulled = at(&body, 0, 4.0)
+                .iter()
+                .map(|node| creep.forces()[3 * *node as usize])
+                .sum::<f64>();
             let expected = 1e-3 * 10.0 * 0.01 * 16.0 * 2.0 / std::f64::consts::PI.sqrt();
             (pulled / expected - 1.0).abs()
         });
-        assert!(errors[2] < 0.01 && errors[2] < 0.6 * errors[1], "{errors:?} with {memory:?}");
+        assert!(
+            errors[2] < 0.01 && errors[2] < 0.6 * errors[1],
+            "{errors:?} with {memory:?}"
+        );
     }
 }
 
@@ -160,8 +180,14 @@ fn what_has_no_history_is_refused() {
     let begin = |order| Creep::new(solver.clone(), Memory::Rate, order, Rule::Trapezoid, &unit);
     assert!(matches!(begin(1.5), Err(CreepError::History(_))));
     let mut creep = begin(0.2).unwrap();
-    assert!(matches!(creep.step(-1.0, &unit, &prescribed, None), Err(CreepError::History(_))));
-    assert!(matches!(creep.step(1.0, &unit[1..], &prescribed, None), Err(CreepError::Nonlinear(_))));
+    assert!(matches!(
+        creep.step(-1.0, &unit, &prescribed, None),
+        Err(CreepError::History(_))
+    ));
+    assert!(matches!(
+        creep.step(1.0, &unit[1..], &prescribed, None),
+        Err(CreepError::Nonlinear(_))
+    ));
     creep.step(1.0, &unit, &prescribed, None).unwrap();
     let again = Creep::new(creep.solver().clone(), Memory::Rate, 0.2, Rule::Trapezoid, &unit);
     assert!(matches!(again, Err(CreepError::Displaced)));

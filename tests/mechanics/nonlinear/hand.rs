@@ -38,10 +38,16 @@ fn a_bar_stretches_as_by_hand() {
                         let expected = [strain * p[0], -poisson * strain * p[1], -poisson * strain * p[2]];
                         // Balance to 1e-12 times a condition of 1e4 / (1 - 2 nu).
                         let off = difference(found, &expected) / (6.0 * strain);
-                        assert!(off < 1e-8 / (1.0 - 2.0 * poisson), "{off:e} at {stress} kPa, {poisson}, {scheme:?}");
+                        assert!(
+                            off < 1e-8 / (1.0 - 2.0 * poisson),
+                            "{off:e} at {stress} kPa, {poisson}, {scheme:?}"
+                        );
                     }
                 }
-                assert!(solver.body().relative_strains(solver.displacement())[0] > 0.2, "not above the knee");
+                assert!(
+                    solver.body().relative_strains(solver.displacement())[0] > 0.2,
+                    "not above the knee"
+                );
             }
         }
     }
@@ -55,7 +61,14 @@ fn two_triangles_shear_as_by_hand() {
     let body = Arc::new(Sheet::plane_strain(nodes, vec![[0, 1, 2], [0, 2, 3]], &[law; 2], 3.0).unwrap());
     for gamma in [0.05f64, 0.2, 0.35] {
         // The upper corners are free along x, pulled by half of the traction each.
-        let rollers: Held = vec![(0, 0, 0.0), (0, 1, 0.0), (1, 0, 0.0), (1, 1, 0.0), (2, 1, 0.0), (3, 1, 0.0)];
+        let rollers: Held = vec![
+            (0, 0, 0.0),
+            (0, 1, 0.0),
+            (1, 0, 0.0),
+            (1, 1, 0.0),
+            (2, 1, 0.0),
+            (3, 1, 0.0),
+        ];
         let (mut solver, prescribed) = held(&body, &rollers, options(Scheme::Newton));
         let relative = 0.75f64.sqrt() * gamma;
         let shear_kpa = 10.0 / 2.8 * (1.0 + 20.0 * (relative - 0.1).max(0.0).powi(2));
@@ -63,7 +76,11 @@ fn two_triangles_shear_as_by_hand() {
         let loads = [0.0, 0.0, 0.0, 0.0, force / 2.0, 0.0, force / 2.0, 0.0];
         solver.step(&target(&loads, &prescribed)).unwrap();
         let found = [solver.displacement()[4], solver.displacement()[6]];
-        assert!(difference(&found, &[5.0 * gamma; 2]) < 1e-10, "{found:?} instead of {}", 5.0 * gamma);
+        assert!(
+            difference(&found, &[5.0 * gamma; 2]) < 1e-10,
+            "{found:?} instead of {}",
+            5.0 * gamma
+        );
     }
 }
 
@@ -83,8 +100,18 @@ fn below_the_knee_it_is_the_linear_body() {
         let linear = StaticProblem {
             mesh: &mesh,
             materials: Materials::uniform(Material::new(10.0, poisson).unwrap()),
-            fixes: fixed.iter().map(|&(node, axis, displacement_mm)| Fix { node, axis, displacement_mm }).collect(),
-            loads: vec![Load { node: pushed, force_n: force }],
+            fixes: fixed
+                .iter()
+                .map(|&(node, axis, displacement_mm)| Fix {
+                    node,
+                    axis,
+                    displacement_mm,
+                })
+                .collect(),
+            loads: vec![Load {
+                node: pushed,
+                force_n: force,
+            }],
         };
         let linear = linear.solve().unwrap();
         let expected: Vec<f64> = linear.displacement_mm.iter().flatten().copied().collect();
@@ -116,11 +143,19 @@ fn a_contact_is_a_driven_point() {
             fixed.extend((0..2).map(|axis| (node, axis, 0.0)));
         }
         let top = at(&body, 1, 4.0)[3];
-        let contact = |weights: Vec<(u32, f64)>| Contact { weights, place_mm: -1.0 };
+        let contact = |weights: Vec<(u32, f64)>| Contact {
+            weights,
+            place_mm: -1.0,
+        };
         let (mut by_contact, none) = held(&body, &fixed, options(scheme));
         let loads = vec![0.0; 2 * body.nodes().len()];
         let on_node = contact(vec![(2 * top + 1, 1.0)]);
-        let step = |contact| Target { loads: &loads, prescribed: &none, contact: Some(contact), offset: None };
+        let step = |contact| Target {
+            loads: &loads,
+            prescribed: &none,
+            contact: Some(contact),
+            offset: None,
+        };
         by_contact.step(&step(&on_node)).unwrap();
         let mut driven = fixed.clone();
         driven.push((top, 1, -1.0));

@@ -13,7 +13,12 @@ fn crossing_the_knee_does_not_cycle() {
             let (body, rollers, unit) = pulled(2, 4.0, law(poisson));
             let (mut solver, prescribed) = held(&body, &rollers, options(scheme));
             // The knee is at a strain of 0.1 / (1 + nu): 0.77 and 0.67 kPa.
-            for (step, stress) in [0.6, 0.9, 0.2, 4.0, 0.7, -0.8, 0.8, -5.0, 0.65, 0.78].iter().cycle().take(40).enumerate() {
+            for (step, stress) in [0.6, 0.9, 0.2, 4.0, 0.7, -0.8, 0.8, -5.0, 0.65, 0.78]
+                .iter()
+                .cycle()
+                .take(40)
+                .enumerate()
+            {
                 let loads: Vec<f64> = unit.iter().map(|f| f * stress).collect();
                 let progress = solver.step(&target(&loads, &prescribed));
                 let progress = progress.unwrap_or_else(|error| panic!("{error} at step {step}, {scheme:?}"));
@@ -34,13 +39,28 @@ fn the_way_does_not_matter() {
         driven.extend((0..3).map(|axis| (node, axis, 0.0)));
     }
     for node in at(&body, 2, 8.0) {
-        driven.push((node, 2, if body.nodes()[node as usize][0] < 4.1 { -2.4 } else { 0.0 }));
+        driven.push((
+            node,
+            2,
+            if body.nodes()[node as usize][0] < 4.1 {
+                -2.4
+            } else {
+                0.0
+            },
+        ));
     }
     let (mut at_once, last) = held(&body, &driven, options(Scheme::Newton));
     let loads = vec![0.0; 3 * body.nodes().len()];
     at_once.step(&target(&loads, &last)).unwrap();
     for scheme in [Scheme::Newton, Scheme::MODIFIED] {
-        let (mut slowly, _) = held(&body, &driven, Options { iterations: 60, ..options(scheme) });
+        let (mut slowly, _) = held(
+            &body,
+            &driven,
+            Options {
+                iterations: 60,
+                ..options(scheme)
+            },
+        );
         for step in 1..=12 {
             let part: Vec<f64> = last.iter().map(|u| u * f64::from(step) / 12.0).collect();
             slowly.step(&target(&loads, &part)).unwrap();
@@ -54,11 +74,19 @@ fn the_way_does_not_matter() {
 #[test]
 fn what_cannot_be_solved_is_told() {
     let (body, rollers, unit) = pulled(2, 4.0, law(0.3));
-    let few = Options { iterations: 2, ..options(Scheme::Newton) };
+    let few = Options {
+        iterations: 2,
+        ..options(Scheme::Newton)
+    };
     let (mut solver, prescribed) = held(&body, &rollers, few);
     let loads: Vec<f64> = unit.iter().map(|f| 20.0 * f).collect();
     let error = solver.step(&target(&loads, &prescribed)).unwrap_err();
-    let NonlinearError::NotConverged { iterations: 2, residual, tolerance: 1e-12 } = error else {
+    let NonlinearError::NotConverged {
+        iterations: 2,
+        residual,
+        tolerance: 1e-12,
+    } = error
+    else {
         panic!("{error}");
     };
     assert!(residual > 1e-12);

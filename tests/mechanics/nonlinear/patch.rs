@@ -10,10 +10,14 @@ use super::case::{Held, block, difference, held, largest, law, options, sheet, t
 const CONDITION: f64 = 1e4;
 
 /// Strains the boundary of the box `extent` by `slope` in steps and checks all nodes and the stress.
-fn check<const D: usize, const N: usize>(body: &Arc<Body<D, N>>, extent: [f64; D], slope: [[f64; D]; D], poisson: f64, scheme: Scheme) {
-    let displaced = |p: &[f64; D]| -> [f64; D] {
-        std::array::from_fn(|i| (0..D).map(|j| slope[i][j] * p[j]).sum())
-    };
+fn check<const D: usize, const N: usize>(
+    body: &Arc<Body<D, N>>,
+    extent: [f64; D],
+    slope: [[f64; D]; D],
+    poisson: f64,
+    scheme: Scheme,
+) {
+    let displaced = |p: &[f64; D]| -> [f64; D] { std::array::from_fn(|i| (0..D).map(|j| slope[i][j] * p[j]).sum()) };
     let outside = |p: &[f64; D]| (0..D).any(|axis| p[axis] < 1e-9 || p[axis] > extent[axis] - 1e-9);
     let mut driven = Held::new();
     for (node, p) in (0..).zip(body.nodes()).filter(|(_, p)| outside(p)) {
@@ -30,8 +34,14 @@ fn check<const D: usize, const N: usize>(body: &Arc<Body<D, N>>, extent: [f64; D
     assert!(off < allowed, "{off:e} in {D} dimensions");
     let strain: [[f64; D]; D] = std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (slope[i][j] + slope[j][i])));
     let relative = relative_strain(&strain).0;
-    assert!(relative > 0.12, "a relative strain of {relative} is hardly above the knee");
-    let spread = body.relative_strains(solver.displacement()).iter().fold(0.0, |a: f64, e| a.max((e - relative).abs()));
+    assert!(
+        relative > 0.12,
+        "a relative strain of {relative} is hardly above the knee"
+    );
+    let spread = body
+        .relative_strains(solver.displacement())
+        .iter()
+        .fold(0.0, |a: f64, e| a.max((e - relative).abs()));
     assert!(spread < 10.0 * allowed, "{spread:e}");
     // The work of the boundary, sum of forces times displacements, is stress times strain times volume.
     let law = law(poisson);
@@ -41,7 +51,10 @@ fn check<const D: usize, const N: usize>(body: &Arc<Body<D, N>>, extent: [f64; D
     let volume = extent.iter().product::<f64>() * if D == 2 { 2.0 } else { 1.0 };
     let work: f64 = solver.forces().iter().zip(&expected).map(|(f, u)| f * u).sum();
     let expected = volume * (lambda * trace * trace + 2.0 * mu * product);
-    assert!((work / expected - 1.0).abs() < 10.0 * allowed, "{work} instead of {expected}");
+    assert!(
+        (work / expected - 1.0).abs() < 10.0 * allowed,
+        "{work} instead of {expected}"
+    );
 }
 
 #[test]

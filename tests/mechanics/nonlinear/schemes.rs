@@ -15,15 +15,30 @@ fn newton_is_quadratic() {
             driven.extend((0..3).map(|axis| (node, axis, 0.0)));
         }
         for node in at(&body, 2, 8.0) {
-            driven.push((node, 2, if body.nodes()[node as usize][0] < 4.1 { -1.6 } else { 0.2 }));
+            driven.push((
+                node,
+                2,
+                if body.nodes()[node as usize][0] < 4.1 {
+                    -1.6
+                } else {
+                    0.2
+                },
+            ));
         }
         let (mut solver, prescribed) = held(&body, &driven, options(Scheme::Newton));
         let loads = vec![0.0; 3 * body.nodes().len()];
         let progress = solver.step(&target(&loads, &prescribed)).unwrap();
         let left = &progress.residuals;
         // Pairs that are near enough for the square to tell, and above rounding.
-        let orders: Vec<f64> = left.windows(3).filter(|r| r[1] < 1e-2 && r[2] > 1e-13).map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln()).collect();
-        assert!(!orders.is_empty() && orders.iter().all(|order| *order > 1.6), "{orders:?} of {left:?}");
+        let orders: Vec<f64> = left
+            .windows(3)
+            .filter(|r| r[1] < 1e-2 && r[2] > 1e-13)
+            .map(|r| (r[2] / r[1]).ln() / (r[1] / r[0]).ln())
+            .collect();
+        assert!(
+            !orders.is_empty() && orders.iter().all(|order| *order > 1.6),
+            "{orders:?} of {left:?}"
+        );
         let best = orders.last().unwrap();
         assert!(*best > 1.8, "{orders:?} of {left:?}");
     }
@@ -43,8 +58,16 @@ fn modified_newton_is_linear_at_its_rate() {
     let loads: Vec<f64> = unit.iter().map(|f| f * stress).collect();
     let progress = solver.step(&target(&loads, &prescribed)).unwrap();
     assert_eq!(progress.factorisations, 0);
-    let tail: Vec<f64> = progress.residuals.windows(2).filter(|r| r[0] < 1e-4 && r[1] > 1e-11).map(|r| r[1] / r[0]).collect();
-    assert!(tail.len() > 5 && tail.iter().all(|ratio| (ratio / rate - 1.0).abs() < 0.02), "{tail:?}, expected {rate}");
+    let tail: Vec<f64> = progress
+        .residuals
+        .windows(2)
+        .filter(|r| r[0] < 1e-4 && r[1] > 1e-11)
+        .map(|r| r[1] / r[0])
+        .collect();
+    assert!(
+        tail.len() > 5 && tail.iter().all(|ratio| (ratio / rate - 1.0).abs() < 0.02),
+        "{tail:?}, expected {rate}"
+    );
 }
 
 /// In proportional straining Euler's method with the paper's tangent has order one in the length of the increments; elsewhere it
@@ -56,7 +79,10 @@ fn euler_has_its_order() {
     // Proportional: a bar.
     let (body, rollers, unit) = pulled(2, 4.0, soft(10.0));
     let loads: Vec<f64> = unit.iter().map(|f| f * 4.0).collect();
-    let paper = Scheme::Euler { slope: Slope::Scalar, corrected: false };
+    let paper = Scheme::Euler {
+        slope: Slope::Scalar,
+        corrected: false,
+    };
     orders(&body, &rollers, &loads, &[(paper, 1.0)]);
     // Not so: a block pressed at a corner while it is sheared.
     let body = block([3, 3, 3], 2.0, 0.2, soft(10.0));
@@ -67,15 +93,26 @@ fn euler_has_its_order() {
     let mut loads = vec![0.0; 3 * body.nodes().len()];
     for node in at(&body, 2, 6.0) {
         loads[3 * node as usize] = 1.5e-3;
-        loads[3 * node as usize + 2] = if body.nodes()[node as usize][0] < 3.0 { -4e-3 } else { 1e-3 };
+        loads[3 * node as usize + 2] = if body.nodes()[node as usize][0] < 3.0 {
+            -4e-3
+        } else {
+            1e-3
+        };
     }
-    let schemes = [(Slope::Consistent, false, 1.0), (Slope::Scalar, true, 1.0), (Slope::Consistent, true, 2.0)];
+    let schemes = [
+        (Slope::Consistent, false, 1.0),
+        (Slope::Scalar, true, 1.0),
+        (Slope::Consistent, true, 2.0),
+    ];
     let schemes = schemes.map(|(slope, corrected, order)| (Scheme::Euler { slope, corrected }, order));
     orders(&body, &fixed, &loads, &schemes);
     // The paper's tangent alone stays away, whatever the increments: what it comes to as they vanish, by extrapolation.
     let [coarse, fine] = [256, 512].map(|steps| error(&body, &fixed, &loads, paper, steps));
     let drift = 2.0 * fine - coarse;
-    assert!(drift > 0.1 * fine && drift > 1e-4 && drift < 0.1, "{drift:e} from {coarse:e} and {fine:e}");
+    assert!(
+        drift > 0.1 * fine && drift > 1e-4 && drift < 0.1,
+        "{drift:e} from {coarse:e} and {fine:e}"
+    );
 }
 
 fn orders(
@@ -85,9 +122,15 @@ fn orders(
     schemes: &[(Scheme, f64)],
 ) {
     for &(scheme, expected) in schemes {
-        let errors: Vec<f64> = [64, 128, 256].iter().map(|&steps| error(body, fixed, loads, scheme, steps)).collect();
+        let errors: Vec<f64> = [64, 128, 256]
+            .iter()
+            .map(|&steps| error(body, fixed, loads, scheme, steps))
+            .collect();
         let order = (errors[1] / errors[2]).log2();
-        assert!((order - expected).abs() < 0.2, "{scheme:?}: order {order} of {errors:?}");
+        assert!(
+            (order - expected).abs() < 0.2,
+            "{scheme:?}: order {order} of {errors:?}"
+        );
     }
 }
 
@@ -101,7 +144,14 @@ fn error(
 ) -> f64 {
     let (mut exact, prescribed) = held(body, fixed, options(Scheme::Newton));
     exact.step(&target(loads, &prescribed)).unwrap();
-    let (mut euler, _) = held(body, fixed, Options { scheme, ..options(scheme) });
+    let (mut euler, _) = held(
+        body,
+        fixed,
+        Options {
+            scheme,
+            ..options(scheme)
+        },
+    );
     for step in 1..=steps {
         let part: Vec<f64> = loads.iter().map(|f| f * f64::from(step) / f64::from(steps)).collect();
         euler.step(&target(&part, &prescribed)).unwrap();

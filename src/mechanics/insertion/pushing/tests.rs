@@ -10,7 +10,9 @@ use crate::mechanics::tissue::viscoelastic::Rule;
 /// needle goes down between them, from the top at y = 20.
 fn bar() -> (Arc<Sheet>, Supports<2>) {
     let rows = 20u32;
-    let nodes = (0..=rows).flat_map(|row| [-1.0, 0.0, 1.0].map(|x| [x, f64::from(row)])).collect();
+    let nodes = (0..=rows)
+        .flat_map(|row| [-1.0, 0.0, 1.0].map(|x| [x, f64::from(row)]))
+        .collect();
     let mut triangles = Vec::new();
     for row in 0..rows {
         for column in 0..2 {
@@ -21,7 +23,9 @@ fn bar() -> (Arc<Sheet>, Supports<2>) {
     }
     let law = Stiffening::linear(Material::new(10.0, 0.0).unwrap());
     let body = Sheet::plane_strain(nodes, triangles.clone(), &vec![law; triangles.len()], 2.0).unwrap();
-    let held = (0..3 * (rows + 1)).map(|node| (node, 0)).chain((0..3).map(|node| (node, 1)));
+    let held = (0..3 * (rows + 1))
+        .map(|node| (node, 0))
+        .chain((0..3).map(|node| (node, 1)));
     (Arc::new(body), Supports::new(3 * (rows as usize + 1), held))
 }
 
@@ -31,8 +35,18 @@ fn elastic() -> Structure<2, 3> {
 }
 
 const LAYERS: [Layer; 2] = [
-    Layer { from_mm: 0.0, membrane_n: 0.01, cutting_n: 0.002, friction_n_per_mm: 0.0005 },
-    Layer { from_mm: 12.0, membrane_n: 0.012, cutting_n: 0.002, friction_n_per_mm: 0.0005 },
+    Layer {
+        from_mm: 0.0,
+        membrane_n: 0.01,
+        cutting_n: 0.002,
+        friction_n_per_mm: 0.0005,
+    },
+    Layer {
+        from_mm: 12.0,
+        membrane_n: 0.012,
+        cutting_n: 0.002,
+        friction_n_per_mm: 0.0005,
+    },
 ];
 
 fn push(structure: Structure<2, 3>, layers: &[Layer]) -> Pushing<2, 3> {
@@ -66,17 +80,27 @@ fn a_needle_pushes_punctures_and_cuts() {
     }
     // Everywhere the shaft drags what it passed by.
     for (_, pushed) in &trace {
-        assert!((pushed.force_n - pushed.tip_n - 0.0005 * pushed.depth_mm).abs() < 1e-12, "{pushed:?}");
+        assert!(
+            (pushed.force_n - pushed.tip_n - 0.0005 * pushed.depth_mm).abs() < 1e-12,
+            "{pushed:?}"
+        );
     }
     // While it cuts, tissue at the tip is at the tip: a bar of 2 x 2 mm and 10 kPa, the tip at s, gives way by the force of cutting
     // times (20 - s) / EA, and friction q from 0 to s by q times (20 - s) s / EA. The mesh is not uniform across: within 5 %.
     let (travel, cut) = trace[punctures[1] - 1];
     assert!(matches!(cut.phase, Phase::Pushing(1)));
-    let (travel, cut) = trace.iter().rev().find(|(t, p)| *t < travel && p.phase == Phase::Cutting(0)).unwrap();
+    let (travel, cut) = trace
+        .iter()
+        .rev()
+        .find(|(t, p)| *t < travel && p.phase == Phase::Cutting(0))
+        .unwrap();
     let (stiffness, s) = (0.04, cut.depth_mm);
     let expected = (0.002 + 0.0005 * s) * (20.0 - s) / stiffness;
     // The tip is where tissue was a step before: a tenth of a millimetre.
-    assert!((travel - s - expected).abs() < 0.05 * expected + 0.1, "{travel} at {s}: {expected}");
+    assert!(
+        (travel - s - expected).abs() < 0.05 * expected + 0.1,
+        "{travel} at {s}: {expected}"
+    );
 }
 
 /// A viscous body gives way the more the slower it is pushed: at a lower force for the same way.
@@ -87,9 +111,15 @@ fn a_slow_needle_meets_less_force() {
         let solver = Solver::new(body, supports, Options::default()).unwrap();
         let loads = vec![0.0; solver.supports().all()];
         let creep = Creep::new(solver, Memory::LoadIntegral, 0.1, Rule::Trapezoid, &loads).unwrap();
-        let strong = [Layer { membrane_n: 10.0, ..LAYERS[0] }];
+        let strong = [Layer {
+            membrane_n: 10.0,
+            ..LAYERS[0]
+        }];
         let mut needle = push(Structure::Viscous(Box::new(creep)), &strong);
-        (1..=20).map(|step| needle.step(0.1 * f64::from(step), 0.1 / mm_per_s).unwrap().force_n).last().unwrap()
+        (1..=20)
+            .map(|step| needle.step(0.1 * f64::from(step), 0.1 / mm_per_s).unwrap().force_n)
+            .last()
+            .unwrap()
     };
     let [fast, slow] = [5.0, 0.5].map(at_speed);
     // A ramp is held by t^(1-k) at a rate: force goes with the speed to the power k.
@@ -98,14 +128,40 @@ fn a_slow_needle_meets_less_force() {
 
 #[test]
 fn ways_are_checked() {
-    let refused = |entry, direction, layers: &[Layer]| Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err();
+    let refused =
+        |entry, direction, layers: &[Layer]| Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err();
     let down = [0.0, -1.0];
-    assert!(matches!(refused([5.0, 20.0], down, &LAYERS), InvalidWay::Outside { .. }));
-    assert!(matches!(refused([0.0, 20.0], [0.0, 0.0], &LAYERS), InvalidWay::Direction { .. }));
-    assert!(matches!(refused([0.0, 20.0], down, &[]), InvalidWay::First { found: None }));
-    assert!(matches!(refused([0.0, 20.0], down, &LAYERS[1..]), InvalidWay::First { found: Some(_) }));
+    assert!(matches!(
+        refused([5.0, 20.0], down, &LAYERS),
+        InvalidWay::Outside { .. }
+    ));
+    assert!(matches!(
+        refused([0.0, 20.0], [0.0, 0.0], &LAYERS),
+        InvalidWay::Direction { .. }
+    ));
+    assert!(matches!(
+        refused([0.0, 20.0], down, &[]),
+        InvalidWay::First { found: None }
+    ));
+    assert!(matches!(
+        refused([0.0, 20.0], down, &LAYERS[1..]),
+        InvalidWay::First { found: Some(_) }
+    ));
     let twice = [LAYERS[0], LAYERS[1], LAYERS[1]];
-    assert!(matches!(refused([0.0, 20.0], down, &twice), InvalidWay::Layer { layer: 2, what: "from_mm", .. }));
-    let negative = [Layer { cutting_n: -1.0, ..LAYERS[0] }];
-    assert!(matches!(refused([0.0, 20.0], down, &negative), InvalidWay::Layer { what: "cutting_n", .. }));
+    assert!(matches!(
+        refused([0.0, 20.0], down, &twice),
+        InvalidWay::Layer {
+            layer: 2,
+            what: "from_mm",
+            ..
+        }
+    ));
+    let negative = [Layer {
+        cutting_n: -1.0,
+        ..LAYERS[0]
+    }];
+    assert!(matches!(
+        refused([0.0, 20.0], down, &negative),
+        InvalidWay::Layer { what: "cutting_n", .. }
+    ));
 }

@@ -1,11 +1,9 @@
 use std::f64::consts::PI;
 
-use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion};
+use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
-use faer::Mat;
-
-use super::super::chain::MAX_TURN;
 use super::*;
+use crate::mechanics::needle::jointed::MAX_TURN;
 
 const LENGTH: f64 = 200.0;
 
@@ -96,7 +94,7 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     let mut lines = [Stiffness::KappaNmmPerDeg(10.7), Stiffness::BendingNmm2(stiffness)].map(|stiffness| {
         let mut line = CentreLine::default();
         let mut needle = Springs::new(Shaft::default(), stiffness, 8.0, None).expect("needle");
-        assert_eq!(needle.chain.joints().len(), 25);
+        assert_eq!(needle.jointed.chain.joints().len(), 25);
         settle(&mut needle, &slanted(), &[load(180.0, [0.1, 0.2, 0.0])], &mut line);
         line
     });

@@ -1,8 +1,8 @@
 use faer::Mat;
 
 use super::*;
-use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::material::Material;
 
 /// A block of `nodes` nodes, its bottom fixed unless `loose`.

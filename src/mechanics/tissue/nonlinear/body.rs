@@ -114,7 +114,12 @@ impl Solid {
 }
 
 impl<const D: usize, const N: usize> Body<D, N> {
-    fn of(nodes: Vec<[f64; D]>, elements: Vec<[u32; N]>, laws: &[Stiffening], thickness: f64) -> Result<Self, InvalidBody> {
+    fn of(
+        nodes: Vec<[f64; D]>,
+        elements: Vec<[u32; N]>,
+        laws: &[Stiffening],
+        thickness: f64,
+    ) -> Result<Self, InvalidBody> {
         if elements.is_empty() {
             return Err(InvalidBody::Empty);
         }
@@ -144,7 +149,12 @@ impl<const D: usize, const N: usize> Body<D, N> {
                 law: *law,
             })
         };
-        let cells = elements.iter().zip(laws).enumerate().map(cell).collect::<Result<_, InvalidBody>>()?;
+        let cells = elements
+            .iter()
+            .zip(laws)
+            .enumerate()
+            .map(cell)
+            .collect::<Result<_, InvalidBody>>()?;
         Ok(Body { nodes, elements, cells })
     }
 
@@ -212,7 +222,11 @@ impl<const D: usize, const N: usize> Body<D, N> {
                 rise: stress.map(|row| row.map(|x| slope * x)),
                 normal: deviator.map(|row| row.map(|x| direction * x)),
             };
-            add(forces, corners, &cell.shape.divergence(&stress.map(|row| row.map(|x| secant * x))));
+            add(
+                forces,
+                corners,
+                &cell.shape.divergence(&stress.map(|row| row.map(|x| secant * x))),
+            );
         }
     }
 
@@ -276,6 +290,9 @@ pub(super) fn vector<const D: usize>(all: &[f64], node: u32) -> [f64; D] {
 fn add<const D: usize, const N: usize>(sums: &mut [f64], corners: &[u32; N], forces: &[[f64; D]; N]) {
     for (node, force) in corners.iter().zip(forces) {
         let first = D * *node as usize;
-        sums[first..first + D].iter_mut().zip(force).for_each(|(sum, force)| *sum += force);
+        sums[first..first + D]
+            .iter_mut()
+            .zip(force)
+            .for_each(|(sum, force)| *sum += force);
     }
 }

@@ -163,7 +163,10 @@ impl<const D: usize, const N: usize> Creep<D, N> {
             self.value.copy_from_slice(&self.forces);
         } else {
             let unknowns = self.solver.displacement().iter().zip(&self.past);
-            self.value.iter_mut().zip(unknowns).for_each(|(rate, (u, past))| *rate = (u - past) / weight);
+            self.value
+                .iter_mut()
+                .zip(unknowns)
+                .for_each(|(rate, (u, past))| *rate = (u - past) / weight);
         }
         self.history.commit(step_s, &self.value)?;
         Ok(self.solver.progress())

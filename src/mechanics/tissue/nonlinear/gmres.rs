@@ -31,7 +31,10 @@ impl Gmres {
         }
         self.preconditioned.resize(rhs.len(), 0.0);
         self.vector(0, rhs.len());
-        self.basis[0].iter_mut().zip(rhs.iter()).for_each(|(v, b)| *v = b / norm);
+        self.basis[0]
+            .iter_mut()
+            .zip(rhs.iter())
+            .for_each(|(v, b)| *v = b / norm);
         let mut right = [0.0; MOST + 1];
         right[0] = norm;
         let mut rotations = [(1.0, 0.0); MOST];
@@ -54,7 +57,8 @@ impl Gmres {
             }
             let left = dot(next, next).sqrt();
             for (at, &(c, s)) in rotations[..used].iter().enumerate() {
-                (column[at], column[at + 1]) = (c * column[at] + s * column[at + 1], c * column[at + 1] - s * column[at]);
+                (column[at], column[at + 1]) =
+                    (c * column[at] + s * column[at + 1], c * column[at + 1] - s * column[at]);
             }
             let length = column[used].hypot(left);
             if length == 0.0 || !length.is_finite() {

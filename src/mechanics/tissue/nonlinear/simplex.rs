@@ -33,7 +33,12 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
         let longest = longest.map(|(a, b)| length(minus(corners[a], corners[b])));
         let longest = longest.fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
         if !(longest.is_finite() && measure.is_finite()) {
-            let reach = |corner: &[f64; D]| corner.iter().fold(0.0, |a: f64, x| if x.is_finite() { a.max(x.abs()) } else { f64::INFINITY });
+            let reach = |corner: &[f64; D]| {
+                corner.iter().fold(
+                    0.0,
+                    |a: f64, x| if x.is_finite() { a.max(x.abs()) } else { f64::INFINITY },
+                )
+            };
             let farthest = corners.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
             let mut corner = [0.0; 3];
             corner[..D].copy_from_slice(farthest.unwrap_or(&corners[0]));
@@ -41,7 +46,11 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
         }
         // A corner's height is one over the length of its gradient.
         let steepest = gradients.iter().map(|gradient| length(*gradient)).fold(0.0, f64::max);
-        let height = if determinant == 0.0 { 0.0 } else { 1.0 / (steepest * longest) };
+        let height = if determinant == 0.0 {
+            0.0
+        } else {
+            1.0 / (steepest * longest)
+        };
         if height.is_nan() || height < FLATTEST {
             return Err(DegenerateElement::Flat {
                 height: if height.is_nan() { 0.0 } else { height },
@@ -99,7 +108,10 @@ fn inverse<const D: usize>(mut a: [[f64; D]; D]) -> ([[f64; D]; D], f64) {
     let mut b: [[f64; D]; D] = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
     let mut determinant = 1.0;
     for k in 0..D {
-        let pivot = (k..D).fold(k, |best, row| if a[row][k].abs() > a[best][k].abs() { row } else { best });
+        let pivot = (k..D).fold(
+            k,
+            |best, row| if a[row][k].abs() > a[best][k].abs() { row } else { best },
+        );
         if pivot != k {
             a.swap(pivot, k);
             b.swap(pivot, k);

@@ -218,7 +218,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let rest = vec![Response::REST; self.body.elements().len()];
         self.linear.factor(&self.body, &rest, Kind::Scalar)?;
         self.supports.gather(loads, &mut self.rest);
-        self.linear.solve(&self.body, &self.supports, &rest, Kind::Scalar, 0.0, &mut self.rest);
+        self.linear
+            .solve(&self.body, &self.supports, &rest, Kind::Scalar, 0.0, &mut self.rest);
         let mut displacement = vec![0.0; loads.len()];
         for (&dof, value) in self.supports.free().iter().zip(&self.rest) {
             displacement[dof as usize] = *value;
@@ -394,9 +395,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         let (body, supports) = (&*self.body, &self.supports);
         let responses = &self.state.responses;
         if self.change.iter().any(|change| *change != 0.0) {
-            self.linear.subtract(body, supports, responses, kind, &self.change[..supports.all()], &mut self.rest);
+            self.linear.subtract(
+                body,
+                supports,
+                responses,
+                kind,
+                &self.change[..supports.all()],
+                &mut self.rest,
+            );
         }
-        self.linear.solve(body, supports, responses, kind, closeness, &mut self.rest);
+        self.linear
+            .solve(body, supports, responses, kind, closeness, &mut self.rest);
         for (&dof, value) in supports.free().iter().zip(&self.rest) {
             self.change[dof as usize] = *value;
         }
@@ -446,7 +455,15 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Writes the free forces out of balance into `rest`; how large they are, relative to the largest force so far. A body that is
     /// let go has no forces but rounding to compare with.
     fn residual(&mut self, target: &Target<'_>) -> f64 {
-        let largest = |all: &[f64]| all.iter().fold(0.0, |a: f64, x| if a.is_nan() || x.is_nan() { f64::NAN } else { a.max(x.abs()) });
+        let largest = |all: &[f64]| {
+            all.iter().fold(0.0, |a: f64, x| {
+                if a.is_nan() || x.is_nan() {
+                    f64::NAN
+                } else {
+                    a.max(x.abs())
+                }
+            })
+        };
         for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
             *rest = target.loads[dof as usize] - self.state.forces[dof as usize];
         }

@@ -17,7 +17,10 @@ impl<const D: usize> Supports<D> {
     /// # Panics
     /// If a node or an axis is out of range, or there are more than 32 bits can number.
     pub fn new(nodes: usize, prescribed: impl IntoIterator<Item = (u32, u8)>) -> Self {
-        assert!(nodes < (u32::MAX / 4) as usize, "{nodes} nodes outnumber 32-bit degrees of freedom");
+        assert!(
+            nodes < (u32::MAX / 4) as usize,
+            "{nodes} nodes outnumber 32-bit degrees of freedom"
+        );
         let mut of = vec![0; D * nodes];
         for (node, axis) in prescribed {
             assert!((axis as usize) < D, "axis {axis} in {D} dimensions");

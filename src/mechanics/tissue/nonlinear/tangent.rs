@@ -78,7 +78,11 @@ impl<const D: usize> Tangent<D> {
         self.values.fill(0.0);
         let width = D * N;
         let per_element = width * (width + 1) / 2;
-        let parts = body.cells().iter().zip(responses).zip(self.places.chunks_exact(per_element));
+        let parts = body
+            .cells()
+            .iter()
+            .zip(responses)
+            .zip(self.places.chunks_exact(per_element));
         for ((cell, response), places) in parts {
             let gradients = &cell.shape.gradients;
             let stiffness = match kind {
@@ -87,7 +91,10 @@ impl<const D: usize> Tangent<D> {
             };
             let (lambda, mu) = (stiffness * cell.lambda, stiffness * cell.mu);
             let stiffens = kind == Kind::Consistent && response.rise.iter().flatten().any(|x| *x != 0.0);
-            let (rise, normal) = (cell.shape.divergence(&response.rise), cell.shape.divergence(&response.normal));
+            let (rise, normal) = (
+                cell.shape.divergence(&response.rise),
+                cell.shape.divergence(&response.normal),
+            );
             let mut places = places.iter();
             for a in 0..N {
                 for i in 0..D {

@@ -74,6 +74,7 @@ pub(super) fn figures() -> Vec<Figure> {
         marker: vec!["element_mm"],
         only: Vec::new(),
         joined: false,
+        marked: true,
         front: false,
     }]
 }

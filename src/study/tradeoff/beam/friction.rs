@@ -67,6 +67,7 @@ pub(super) fn figures() -> Vec<Figure> {
         marker: vec!["tissue"],
         only: Vec::new(),
         joined: true,
+        marked: true,
         front: false,
     }]
 }

@@ -117,6 +117,7 @@ pub(super) fn figures() -> Vec<Figure> {
         marker: vec!["parameters"],
         only: vec![("tissue", tissue.to_owned())],
         joined: true,
+        marked: true,
         front: false,
     };
     TISSUES.map(|tissue| figure(tissue.name)).to_vec()

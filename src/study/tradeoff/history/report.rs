@@ -134,6 +134,7 @@ impl Report {
             marker: vec!["lengths"],
             only: Vec::new(),
             joined: true,
+            marked: true,
             front,
         };
         let equal = |figure: Figure| Figure {

@@ -207,6 +207,7 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
         figures.push(Figure {
             only: only.clone(),
             joined: false,
+            marked: true,
             front: true,
             ..figure(
                 &format!("remesh-error-time{several}"),

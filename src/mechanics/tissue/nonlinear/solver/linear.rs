@@ -117,7 +117,10 @@ impl<const D: usize> Linear<D> {
         closeness: f64,
         contact: &Contact,
     ) -> &[f64] {
-        let known = self.contact.as_ref().is_some_and(|known| known.weights == contact.weights);
+        let known = self
+            .contact
+            .as_ref()
+            .is_some_and(|known| known.weights == contact.weights);
         if !known || kind == Kind::Consistent {
             let mut way = std::mem::take(&mut self.way);
             way.fill(0.0);

@@ -28,12 +28,17 @@ pub struct Contact {
 impl Contact {
     /// The displacement along the direction, mm.
     pub fn along(&self, displacement: &[f64]) -> f64 {
-        self.weights.iter().map(|&(dof, weight)| weight * displacement[dof as usize]).sum()
+        self.weights
+            .iter()
+            .map(|&(dof, weight)| weight * displacement[dof as usize])
+            .sum()
     }
 
     /// Adds a force along the direction to the forces on all degrees of freedom, N.
     pub fn add(&self, force: f64, forces: &mut [f64]) {
-        self.weights.iter().for_each(|&(dof, weight)| forces[dof as usize] += force * weight);
+        self.weights
+            .iter()
+            .for_each(|&(dof, weight)| forces[dof as usize] += force * weight);
     }
 
     pub(super) fn add_free<const D: usize>(&self, force: f64, supports: &Supports<D>, free: &mut [f64]) {
@@ -71,7 +76,11 @@ impl Target<'_> {
             });
         }
         let weights = contact.weights.iter().map(|(_, weight)| *weight);
-        match weights.chain([contact.place_mm]).enumerate().find(|(_, value)| !value.is_finite()) {
+        match weights
+            .chain([contact.place_mm])
+            .enumerate()
+            .find(|(_, value)| !value.is_finite())
+        {
             Some((at, found)) => Err(NonlinearError::NotFinite {
                 what: "contact value",
                 at,

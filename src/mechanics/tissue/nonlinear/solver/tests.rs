@@ -47,11 +47,17 @@ fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, w
     let size = product.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
     for (at, exact) in product.iter().enumerate() {
         let difference = (forces[1][at] - forces[0][at]) / (2.0 * h);
-        assert!((difference - exact).abs() < 1e-8 * size, "{exact} but {difference} at {at} of {D} dimensions");
+        assert!(
+            (difference - exact).abs() < 1e-8 * size,
+            "{exact} but {difference} at {at} of {D} dimensions"
+        );
     }
     // The paper's tangent is no derivative of this.
     body.scalar(&responses, &direction, &mut product);
-    let off = product.iter().enumerate().map(|(at, x)| (x - (forces[1][at] - forces[0][at]) / (2.0 * h)).abs());
+    let off = product
+        .iter()
+        .enumerate()
+        .map(|(at, x)| (x - (forces[1][at] - forces[0][at]) / (2.0 * h)).abs());
     assert!(off.fold(0.0, f64::max) > 1e-3 * size);
 }
 
@@ -93,10 +99,15 @@ fn matrix_is_the_product<const D: usize, const N: usize>(body: &Body<D, N>) {
                 let span = lower.col_ptr()[j] as usize..lower.col_ptr()[j + 1] as usize;
                 let place = lower.row_idx()[span.clone()].iter().position(|row| *row as usize == i);
                 let found = place.map_or(0.0, |place| lower.val()[span.start + place]);
-                assert!((found - expected).abs() < 1e-13 * scale, "{found} but {expected} at {i}, {j}, {kind:?}");
+                assert!(
+                    (found - expected).abs() < 1e-13 * scale,
+                    "{found} but {expected} at {i}, {j}, {kind:?}"
+                );
             }
         }
-        let skew = (0..size).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| (columns[i][j] - columns[j][i]).abs());
+        let skew = (0..size)
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .map(|(i, j)| (columns[i][j] - columns[j][i]).abs());
         let skew = skew.fold(0.0, f64::max) / scale;
         // Tissue that is compressed and sheared is not symmetric, by far more than rounding.
         assert_eq!(skew > 1e-3, kind == Kind::Consistent, "{skew} of {kind:?}");

@@ -13,9 +13,10 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
+use super::chain::Chain;
+use super::jointed::Resistance;
+use super::{CentreLine, Load, Row, across};
 use crate::mechanics::ldl::Ldl;
-use crate::mechanics::needle::chain::Chain;
-use crate::mechanics::needle::{CentreLine, Load, Row, across};
 use crate::simd::{Kernel, vectorised};
 
 /// Forces of more than this along an axis count as this, N: so that no product of them overflows.
@@ -58,26 +59,28 @@ pub(super) struct Tangent {
 }
 
 impl Tangent {
-    /// Of joints of `kappa` (N mm/rad). In how many ways the loads would buckle the needle, did nothing else hold it.
-    pub fn set(&mut self, chain: &Chain, line: &CentreLine, kappa: f64, loads: &[Load]) -> usize {
+    /// Of joints that resist like this. In how many ways the loads would buckle the needle, did nothing else hold it.
+    pub fn set(&mut self, chain: &Chain, line: &CentreLine, resistance: &Resistance, loads: &[Load]) -> usize {
         sum_up(chain, line, loads, &mut self.beyond);
-        let nodes = line.nodes();
         self.axes.clear();
-        let links = chain.joints().iter().map(|&node| nodes[node].1 - nodes[node - 1].1);
-        self.axes.extend(links.map(|link| across(&link.normalize())));
+        let links = chain.joints().iter().zip(line.turns());
+        self.axes
+            .extend(links.map(|(node, turn)| across(&line.before(*node, turn))));
+        let count = self.axes.len();
         self.stiffness.start(2 * self.axes.len());
         for (far, (axes, beyond)) in self.axes.iter().zip(&self.beyond).enumerate() {
             let geometric = beyond.geometric();
             for (b, axis) in axes.iter().enumerate() {
                 let turned = geometric * axis;
                 for (near, others) in self.axes[..far].iter().enumerate() {
+                    let resisted = axis * resistance.entry(far, near, count) - turned;
                     for (a, other) in others.iter().enumerate() {
-                        *self.stiffness.entry(2 * far + b, 2 * near + a) = -other.dot(&turned);
+                        *self.stiffness.entry(2 * far + b, 2 * near + a) = other.dot(&resisted);
                     }
                 }
                 let turned = symmetric(&geometric) * axis;
                 for (a, other) in axes[..=b].iter().enumerate() {
-                    let spring = if a == b { kappa } else { 0.0 };
+                    let spring = if a == b { resistance.entry(far, far, count) } else { 0.0 };
                     *self.stiffness.entry(2 * far + b, 2 * far + a) = spring - other.dot(&turned);
                 }
             }
