@@ -41,6 +41,7 @@ Examples:
   insonify insert --example liver-biopsy > my.toml the same as a file, commented, ready to edit
   insonify insert my.toml -o out --frames          frames too, as numbered pictures in out/frames
   insonify insert my.toml -o out --frames=mha      as an image sequence with the pose of each frame, out/frames.mha
+  insonify insert my.toml -o out --preview         an animated picture of them, out/preview.gif
   insonify insert my.toml -o out --vtu 100         the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView
   insonify insert my.toml -o out --json | jq .step_ms
   insonify schema insert                           every key, as a JSON schema
@@ -59,7 +60,7 @@ pub struct Insert {
     #[arg(value_name = "SCENARIO.toml", required_unless_present = "example")]
     scenario: Option<PathBuf>,
     /// Print a scenario that comes with the program
-    #[arg(long, value_name = "NAME", value_parser = names(), conflicts_with_all = ["scenario", "json", "output", "frames", "vtu"])]
+    #[arg(long, value_name = "NAME", value_parser = names(), conflicts_with_all = ["scenario", "json", "output", "frames", "preview", "vtu"])]
     example: Option<String>,
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", required_unless_present = "example")]
@@ -67,6 +68,9 @@ pub struct Insert {
     /// Render frames at the scenario's rate: `png` for numbered pictures, `mha` for an image sequence
     #[arg(long, value_enum, value_name = "KIND", num_args = 0..=1, require_equals = true, default_missing_value = "png")]
     frames: Option<Frames>,
+    /// Make an animated picture of the frames, small: preview.gif
+    #[arg(long)]
+    preview: bool,
     /// Write the deformed mesh every so many milliseconds of simulated time
     #[arg(long, value_name = "MS", value_parser = period)]
     vtu: Option<f64>,
@@ -109,7 +113,7 @@ impl Insert {
         let staging = Staging::beside(output)?;
         let scenario = self.scenario(path)?;
         let asked = Asked {
-            frames: self.frames.is_some(),
+            frames: self.frames.is_some() || self.preview,
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
         let bar = terminal::share(self.quiet);
@@ -120,12 +124,10 @@ impl Insert {
         bar.finish_and_clear();
         let mut model = model?;
         let mut writer = Writer::new(&scenario, staging.folder(), self.quiet)?;
-        if let Some(kind) = self.frames {
+        if asked.frames {
             let anatomy = scenario.scene.anatomy.clone();
-            writer.render(
-                self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?,
-                kind == Frames::Mha,
-            )?;
+            let chosen = self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?;
+            writer.render(chosen, self.frames.map(|kind| kind == Frames::Mha), self.preview)?;
         }
         let mut summary = run(&scenario, model.as_mut(), asked, &mut writer)?;
         let name = path.display().to_string();

@@ -131,8 +131,13 @@ fn frames_and_meshes_follow_on_request() {
     // A later run takes the place of an earlier one, and leaves what it does not write.
     bench.write("out/mine.txt", "mine");
     bench
-        .run("insert block.toml -o out --frames=mha --backend cpu -q")
+        .run("insert block.toml -o out --frames=mha --preview --backend cpu -q")
         .text();
+    assert!(
+        fs::read(bench.path("out/preview.gif"))
+            .expect("a preview")
+            .starts_with(b"GIF89a")
+    );
     let left = [
         "frames",
         "frames.mha",
@@ -140,6 +145,7 @@ fn frames_and_meshes_follow_on_request() {
         "mesh",
         "mine.txt",
         "plots",
+        "preview.gif",
         "steps.csv",
         "summary.json",
     ];

@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
 use insonify::output::atomic::{self, WriteError};
+use insonify::output::gif::Preview;
 use insonify::output::png;
 use insonify::scenario::record::{PLOTS, Record};
 use insonify::scenario::run::{Deformed, Moment, Observer, Step};
@@ -35,7 +36,8 @@ pub struct Writer<'a> {
 /// Frames in the making.
 struct Rendering {
     chosen: Chosen,
-    output: Output,
+    output: Option<Output>,
+    preview: Option<Preview>,
 }
 
 impl<'a> Writer<'a> {
@@ -56,15 +58,21 @@ impl<'a> Writer<'a> {
         })
     }
 
-    /// Renders frames from now on, as pictures or as a sequence.
-    pub fn render(&mut self, chosen: Chosen, as_sequence: bool) -> Result<(), Failure> {
-        let target = match as_sequence {
+    /// Renders frames from now on: as pictures, as a sequence (`Some(true)`), or for the preview alone.
+    pub fn render(&mut self, chosen: Chosen, as_sequence: Option<bool>, preview: bool) -> Result<(), Failure> {
+        let size = self.scenario.scene.settings.image;
+        let target = as_sequence.map(|as_sequence| match as_sequence {
             true => Target::Sequence(self.folder.join("frames.mha")),
             false => Target::Folder(self.folder.join("frames")),
-        };
-        let size = self.scenario.scene.settings.image;
-        let output = Output::open(target, size.width, size.height)?;
-        self.frames = Some(Rendering { chosen, output });
+        });
+        let output = target.map(|target| Output::open(target, size.width, size.height));
+        let path = self.folder.join("preview.gif");
+        let preview = preview.then(|| Preview::create(&path, size.width, size.height, self.scenario.timing.frame_s));
+        self.frames = Some(Rendering {
+            chosen,
+            output: output.transpose()?,
+            preview: preview.transpose()?,
+        });
         Ok(())
     }
 
@@ -82,7 +90,8 @@ impl<'a> Writer<'a> {
         let path = self.folder.join("steps.csv");
         self.steps.flush().map_err(|cause| WriteError::new(&path, cause))?;
         if let Some(frames) = self.frames {
-            frames.output.finish()?;
+            frames.output.map_or(Ok(()), Output::finish)?;
+            frames.preview.map_or(Ok(()), Preview::finish)?;
         }
         if !self.meshes.is_empty() {
             write_pvd(&self.folder.join("mesh").join("mesh.pvd"), &self.meshes)?;
@@ -138,9 +147,12 @@ impl Observer for Writer<'_> {
         };
         let frame = frames.chosen.synth.render(moment.state)?;
         let number = moment.number as usize;
-        frames
-            .output
-            .write(frame, number, moment.time_s, &moment.state.probe_to_world)?;
+        if let Some(output) = &mut frames.output {
+            output.write(frame, number, moment.time_s, &moment.state.probe_to_world)?;
+        }
+        if let Some(preview) = &mut frames.preview {
+            preview.push(&frame.pixels)?;
+        }
         Ok(())
     }
 
