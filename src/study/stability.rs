@@ -13,9 +13,12 @@
 //! | `solving` | elements, solvers, the inverse |
 //! | `remeshing` | remeshing and constraints |
 //! | `contact` | contact, needle, time |
+//! | `memory` | fading memory, stiffening at a knee |
 
 pub mod case;
 mod contact;
+pub mod case;
+mod memory;
 pub mod record;
 mod remeshing;
 pub mod report;
@@ -31,6 +34,7 @@ use super::machine::Machine;
 
 /// Every group, in the order in which it is shown.
 pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, contact::GROUP];
+pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, memory::GROUP];
 
 /// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
 pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {

@@ -30,6 +30,8 @@ fn remeshing_and_constraints_hold() {
 #[test]
 fn contact_needle_and_time_hold() {
     check("Contact, needle, time");
+fn fading_memory_holds() {
+    check("Fading memory");
 }
 
 #[test]
@@ -41,6 +43,7 @@ fn every_group_is_tested() {
             "Elements, solvers, inverse",
             "Remeshing and constraints",
             "Contact, needle, time"
+            "Fading memory"
         ],
         "a test for each, please"
     );
