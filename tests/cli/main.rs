@@ -9,6 +9,7 @@ mod frames;
 mod gpu;
 mod insert;
 mod insert_ready;
+mod material;
 mod mesh_make;
 mod meshes;
 mod reports;
