@@ -14,6 +14,7 @@ mod material;
 mod mesh;
 mod phantom;
 mod plan;
+mod puncture;
 mod render;
 mod scene;
 mod schema;
@@ -71,6 +72,7 @@ enum Command {
     Solve(solve::Solve),
     Material(material::Material),
     Beam(beam::Beam),
+    Puncture(puncture::Puncture),
     Stability(stability::Stability),
     Phantom(phantom::Phantom),
     Mesh(mesh::Mesh),
@@ -94,6 +96,7 @@ impl Cli {
             Command::Solve(solve) => solve.run(),
             Command::Material(material) => material.run(),
             Command::Beam(beam) => beam.run(),
+            Command::Puncture(puncture) => puncture.run(),
             Command::Stability(stability) => stability.run(),
             Command::Phantom(phantom) => phantom.run(),
             Command::Mesh(mesh) => mesh.run(),

@@ -20,9 +20,11 @@ use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
 use crate::study::plot::PlotError;
+use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
 use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
+use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
@@ -84,6 +86,12 @@ pub enum Error {
     /// Insertions cannot be studied.
     #[error(transparent)]
     InsertionStudy(#[from] InsertionStudyError),
+    /// A trade-off of tissue cannot be studied.
+    #[error(transparent)]
+    Tissue(#[from] TissueError),
+    /// A puncture cannot be calculated.
+    #[error(transparent)]
+    Puncture(#[from] PunctureError),
     /// The files of a study cannot be written.
     #[error(transparent)]
     Render(#[from] RenderError),
@@ -124,6 +132,9 @@ impl Error {
             Self::Step(_)
             | Self::InsertionStudy(_)
             | Self::Beam(_)
+            Self::Tissue(_)
+            | Self::Puncture(_)
+            | Self::Step(_)
             | Self::Completion(_)
             | Self::Phantom(_)
             | Self::Generate(_)

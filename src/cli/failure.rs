@@ -21,9 +21,11 @@ use insonify::scenario::ScenarioError;
 use insonify::scene::SceneError;
 use insonify::statics::StaticsError;
 use insonify::study::plot::PlotError;
+use insonify::study::puncture::PunctureError;
 use insonify::study::tradeoff::RenderError;
 use insonify::study::tradeoff::insertion::InsertionStudyError;
 use insonify::study::tradeoff::remesh::StudyError;
+use insonify::study::tradeoff::tissue::TissueError;
 use insonify::synth::SynthError;
 use insonify::volume::VolumeError;
 use insonify::volume::complete::CompletionError;
@@ -130,6 +132,7 @@ from_library!(
     PlotError,
     PngError,
     PointsError,
+    PunctureError,
     RenderError,
     ScenarioError,
     SceneError,
@@ -138,6 +141,7 @@ from_library!(
     StepError,
     StudyError,
     SynthError,
+    TissueError,
     VolumeError,
     WriteError
 );

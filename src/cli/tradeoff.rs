@@ -4,6 +4,7 @@ mod beam;
 mod history;
 mod insertion;
 mod remesh;
+mod tissue;
 
 use std::path::PathBuf;
 
@@ -26,6 +27,7 @@ enum Study {
     Beam(beam::Beam),
     Remesh(remesh::Remesh),
     History(history::History),
+    Tissue(tissue::Tissue),
 }
 
 impl Tradeoff {
@@ -82,6 +84,7 @@ impl Printed {
             terminal::emit_json(&study.json())
         } else {
             terminal::emit(&study.text())
+            Study::Tissue(tissue) => tissue.run(),
         }
     }
 }

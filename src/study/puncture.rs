@@ -8,6 +8,8 @@
 
 mod draw;
 mod liver;
+#[cfg(test)]
+mod tests;
 
 use serde::Serialize;
 
@@ -22,18 +24,18 @@ use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 use liver::Liver;
 
 /// The needle's way, mm.
-const WAY_MM: f64 = 42.0;
+const WAY_MM: f64 = 40.0;
 
 /// How the tissue answers, and what the needle meets.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PunctureOptions {
-    /// Young's modulus below the knee, kPa (above 0; kPa s^order where viscous). Default 4.
+    /// Young's modulus below the knee, kPa (above 0; kPa s^order where viscous). Default 2.
     pub young_kpa: f64,
     /// Poisson's ratio (above -1, below 0.5). Default 0.45.
     pub poisson: f64,
     /// The relative strain above which tissue stiffens (0 or more). Default 0.303.
     pub knee_strain: f64,
-    /// How fast (0 or more; 0: never). Default 12.
+    /// How fast (0 or more; 0: never). Default 60.
     pub stiffening: f64,
     /// Order of the viscosity, 0 (elastic) to 1. Default 0.1.
     pub order: f64,
@@ -43,29 +45,29 @@ pub struct PunctureOptions {
     pub speed_mm_per_s: f64,
     /// The needle's way in a step, mm (above 0). Default 0.2.
     pub step_mm: f64,
-    /// Force that the capsule bears, N (0 or more).
+    /// Force that the capsule bears, N (0 or more). Default 0.6.
     pub capsule_n: f64,
-    /// Force that the wall of the vein bears, N (0 or more).
+    /// Force that the wall of the vein bears, N (0 or more). Default 0.5.
     pub wall_n: f64,
-    /// Force that cuts liver, N (0 or more).
+    /// Force that cuts liver, N (0 or more). Default 0.15.
     pub cutting_n: f64,
-    /// Friction of the shaft in liver, N/mm (0 or more).
+    /// Friction of the shaft in liver, N/mm (0 or more). Default 0.006.
     pub friction_n_per_mm: f64,
 }
 
 impl Default for PunctureOptions {
     fn default() -> Self {
         PunctureOptions {
-            young_kpa: 4.0,
+            young_kpa: 2.0,
             poisson: 0.45,
             knee_strain: 0.303,
-            stiffening: 12.0,
+            stiffening: 60.0,
             order: 0.1,
             thickness_mm: 20.0,
             speed_mm_per_s: 5.0,
             step_mm: 0.2,
-            capsule_n: 0.9,
-            wall_n: 0.9,
+            capsule_n: 0.6,
+            wall_n: 0.5,
             cutting_n: 0.15,
             friction_n_per_mm: 0.006,
         }
@@ -260,14 +262,6 @@ impl Puncture {
             );
         }
         text
-    }
-
-    /// Force over the needle's way.
-    ///
-    /// # Errors
-    /// [`PlotError`].
-    pub fn plot(&self) -> Result<String, PlotError> {
-        curves(&[("force on the needle", self)])
     }
 
     /// What happened at the punctures, in words.

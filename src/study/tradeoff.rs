@@ -10,6 +10,7 @@
 //! | [`beam`] | the needle as a beam in tissue |
 //! | [`remesh`] | levels of remeshing |
 //! | [`history`] | rules of fading memory |
+//! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
 
 pub mod beam;
 pub mod history;
@@ -18,6 +19,7 @@ pub mod remesh;
 mod render;
 #[cfg(test)]
 mod tests;
+pub mod tissue;
 
 use serde::Serialize;
 

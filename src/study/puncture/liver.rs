@@ -75,8 +75,9 @@ impl Liver {
             }
         }
         let inside = |corners: &[u32; 3]| {
-            let middle = |axis: usize| corners.iter().map(|node| nodes[*node as usize][axis]).sum::<f64>() / 3.0;
-            radius([middle(0), middle(1)], centre) < 1.0
+            corners
+                .iter()
+                .all(|node| radius(nodes[*node as usize], centre) < 1.0 + 1e-9)
         };
         let vein: Vec<bool> = triangles.iter().map(inside).collect();
         let tissue = Material::new(options.young_kpa, options.poisson)?;

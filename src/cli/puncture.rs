@@ -1,0 +1,131 @@
+//! `insonify puncture`: a needle goes into a slice of liver with a vein.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use insonify::output::atomic;
+use insonify::study::puncture::{PunctureOptions, curves, puncture};
+
+use super::failure::Failure;
+use super::terminal;
+
+const TEACHING: &str = "\
+A slice of liver (plane strain, its back held) with a vein of 20 x 12 mm, 20 mm below the capsule. The needle pushes, with a force that
+rises faster than its way; a membrane that bears no more is punctured at once; then the tip cuts and the shaft drags.
+What is seen: the force drops at the capsule, rises, and drops at the wall of the vein, which is flattened before.
+
+Examples:
+  insonify puncture                          where what was punctured, and the forces
+  insonify puncture -o out                   force.csv, force.svg and pictures of the slice
+  insonify puncture --compare -o out         linear and elastic tissue in the same plot
+  insonify puncture --order 0 --stiffening 0 linear tissue
+
+The modulus and its stiffening, the thickness and all forces are choices, made for the shape of the curve measured in the liver
+paper; of its tissue the knee and the order are known.";
+
+/// Pushes a needle into a slice of liver with a vein: force over its way, and how the vein flattens
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct Puncture {
+    /// Young's modulus below the knee, kPa
+    #[arg(long, value_name = "KPA", default_value_t = PunctureOptions::default().young_kpa, allow_negative_numbers = true)]
+    young_kpa: f64,
+    /// Relative strain above which tissue stiffens
+    #[arg(long, value_name = "E", default_value_t = PunctureOptions::default().knee_strain, allow_negative_numbers = true)]
+    knee_strain: f64,
+    /// How fast: a in E0 (1 + a (e - knee)^2); 0 is linear tissue
+    #[arg(long, value_name = "A", default_value_t = PunctureOptions::default().stiffening, allow_negative_numbers = true)]
+    stiffening: f64,
+    /// Order of the viscosity, 0 (elastic) to 1
+    #[arg(long, value_name = "K", default_value_t = PunctureOptions::default().order, allow_negative_numbers = true)]
+    order: f64,
+    /// Thickness of the slice, mm
+    #[arg(long, value_name = "MM", default_value_t = PunctureOptions::default().thickness_mm, allow_negative_numbers = true)]
+    thickness_mm: f64,
+    /// Speed of the needle, mm/s
+    #[arg(long, value_name = "MM/S", default_value_t = PunctureOptions::default().speed_mm_per_s, allow_negative_numbers = true)]
+    speed: f64,
+    /// The needle's way in a step, mm
+    #[arg(long, value_name = "MM", default_value_t = PunctureOptions::default().step_mm, allow_negative_numbers = true)]
+    step_mm: f64,
+    /// Force that the capsule bears, N
+    #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().capsule_n, allow_negative_numbers = true)]
+    capsule_n: f64,
+    /// Force that the wall of the vein bears, N
+    #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().wall_n, allow_negative_numbers = true)]
+    wall_n: f64,
+    /// Elastic and linear tissue beside it, in the plot
+    #[arg(long)]
+    compare: bool,
+    /// Folder for force.csv, force.svg and pictures of the slice; made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object to standard output: `options`, and `rows`, one a step
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+impl Puncture {
+    pub fn run(&self) -> Result<(), Failure> {
+        let options = PunctureOptions {
+            young_kpa: self.young_kpa,
+            knee_strain: self.knee_strain,
+            stiffening: self.stiffening,
+            order: self.order,
+            thickness_mm: self.thickness_mm,
+            speed_mm_per_s: self.speed,
+            step_mm: self.step_mm,
+            capsule_n: self.capsule_n,
+            wall_n: self.wall_n,
+            ..PunctureOptions::default()
+        };
+        let mut all = vec![("as asked", options)];
+        if self.compare {
+            all.push(("elastic", PunctureOptions { order: 0.0, ..options }));
+            all.push((
+                "linear",
+                PunctureOptions {
+                    order: 0.0,
+                    stiffening: 0.0,
+                    ..options
+                },
+            ));
+        }
+        let bar = terminal::share(self.quiet);
+        let count = all.len() as f64;
+        let mut runs = Vec::new();
+        for (at, (name, options)) in all.into_iter().enumerate() {
+            let run = puncture(&options, |share| {
+                bar.set_position(((at as f64 + share) / count * terminal::SHARES as f64) as u64);
+            });
+            runs.push((name, run?));
+        }
+        bar.finish_and_clear();
+        let asked = &runs[0].1;
+        if let Some(folder) = &self.output {
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
+            let plot = curves(&runs.iter().map(|(name, run)| (*name, run)).collect::<Vec<_>>())?;
+            write(&folder.join("force.svg"), &plot)?;
+            write(&folder.join("force.csv"), &asked.csv())?;
+            for (name, picture) in &asked.pictures {
+                write(&folder.join(format!("{name}.svg")), picture)?;
+            }
+        }
+        if self.json {
+            terminal::emit_json(asked)
+        } else {
+            terminal::emit(&asked.text())
+        }
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
+}

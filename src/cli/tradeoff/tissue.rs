@@ -1,0 +1,106 @@
+//! `insonify tradeoff tissue`: schemes and models of tissue that stiffens and creeps.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use insonify::study::tradeoff::tissue::{TissueOptions, study};
+
+use crate::cli::failure::Failure;
+use crate::cli::terminal;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify tradeoff tissue --quick           a first look, in seconds
+  insonify tradeoff tissue -o study          the default block of 3,300 nodes, with plots: minutes
+  insonify tradeoff tissue --stiffening 60 --json
+
+A row with a star is a best choice among those with as many steps: no other is both faster and nearer to the truth.";
+
+/// Tissue that stiffens and creeps: time against error, for Euler, modified and full Newton, and for each model
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Tissue {
+    /// Nodes of the block [default: 3300; with --quick 300]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(27..=200_000))]
+    nodes: Option<u32>,
+    /// Most steps until the plate is down, from 5 on doubled [default: 40; with --quick 10]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=1000))]
+    steps: Option<u32>,
+    /// Young's modulus below the knee, kPa
+    #[arg(long, value_name = "KPA", default_value_t = TissueOptions::default().young_kpa, allow_negative_numbers = true)]
+    young_kpa: f64,
+    /// Poisson's ratio, above -1 and below 0.5
+    #[arg(long, value_name = "NU", default_value_t = TissueOptions::default().poisson, allow_negative_numbers = true)]
+    poisson: f64,
+    /// Relative strain above which tissue stiffens
+    #[arg(long, value_name = "E", default_value_t = TissueOptions::default().knee_strain, allow_negative_numbers = true)]
+    knee_strain: f64,
+    /// How fast: a in E0 (1 + a (e - knee)^2)
+    #[arg(long, value_name = "A", default_value_t = TissueOptions::default().stiffening, allow_negative_numbers = true)]
+    stiffening: f64,
+    /// Order of the viscosity, 0 to 1
+    #[arg(long, value_name = "K", default_value_t = TissueOptions::default().order, allow_negative_numbers = true)]
+    order: f64,
+    /// A small block and few steps
+    #[arg(long)]
+    quick: bool,
+    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+const QUICK_NODES: u32 = 300;
+const QUICK_STEPS: u32 = 10;
+
+impl Tissue {
+    pub fn run(&self) -> Result<(), Failure> {
+        let default = TissueOptions::default();
+        let quick = |quick: u32| self.quick.then_some(quick);
+        let options = TissueOptions {
+            nodes: self
+                .nodes
+                .or(quick(QUICK_NODES))
+                .map_or(default.nodes, |nodes| nodes as usize),
+            steps: [
+                default.steps[0],
+                self.steps.or(quick(QUICK_STEPS)).unwrap_or(default.steps[1]),
+            ],
+            young_kpa: self.young_kpa,
+            poisson: self.poisson,
+            knee_strain: self.knee_strain,
+            stiffening: self.stiffening,
+            order: self.order,
+            ..default
+        };
+        if let Some(folder) = &self.output {
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
+        }
+        let bar = terminal::share(self.quiet);
+        let study = study(&options, &mut |what, share| {
+            bar.set_message(what.to_owned());
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let study = study?;
+        if let Some(folder) = &self.output {
+            let files = study.write(folder)?;
+            if !self.quiet {
+                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+            }
+        }
+        if self.json {
+            terminal::emit_json(&study.json())
+        } else {
+            terminal::emit(&study.text())
+        }
+    }
+}

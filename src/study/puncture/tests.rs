@@ -1,0 +1,92 @@
+//! The shape of the curve, and of the vein.
+
+use super::*;
+
+/// The needle's force rises faster than its way to the capsule, drops, rises, and drops at the vein, which has flattened.
+#[test]
+fn the_curve_has_its_shape() {
+    let options = PunctureOptions {
+        step_mm: 0.4,
+        ..PunctureOptions::default()
+    };
+    let run = puncture(&options, |_| {}).unwrap();
+    let punctures: Vec<usize> = (0..run.rows.len())
+        .filter(|at| run.rows[*at].punctured.is_some())
+        .collect();
+    let layers: Vec<_> = punctures.iter().map(|at| run.rows[*at].punctured).collect();
+    assert_eq!(layers[..2], [Some(0), Some(1)], "{}", run.text());
+    let [capsule, wall] = [punctures[0], punctures[1]];
+    let force = |at: usize| run.rows[at].force_n;
+    assert!(force(capsule) > 2.2 * force(capsule / 2), "{}", run.csv());
+    for at in [capsule, wall] {
+        assert!(force(at + 1) < 0.5 * force(at), "{}", run.csv());
+    }
+    assert!(force(wall) > 2.0 * force(capsule + 2), "{}", run.csv());
+    // Flat, and never inside out.
+    let least = run.rows[..=wall]
+        .iter()
+        .map(|row| row.vein_mm)
+        .fold(f64::INFINITY, f64::min);
+    assert!((0.5..4.0).contains(&least), "{least} of {} mm", run.rows[0].vein_mm);
+    assert!(run.rows[wall + 1].vein_mm > least);
+    assert!(run.pictures.len() >= 4 && run.pictures.iter().all(|(_, text)| text.ends_with("</svg>")));
+}
+
+#[test]
+fn what_makes_no_curve_is_refused() {
+    let default = PunctureOptions::default();
+    let wrong = |options: PunctureOptions| puncture(&options, |_| {}).unwrap_err();
+    assert!(matches!(
+        wrong(PunctureOptions {
+            step_mm: 0.0,
+            ..default
+        }),
+        PunctureError::Number { what: "step_mm", .. }
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            step_mm: 1e-5,
+            ..default
+        }),
+        PunctureError::Number { .. }
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            speed_mm_per_s: f64::NAN,
+            ..default
+        }),
+        PunctureError::Number { .. }
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            young_kpa: 0.0,
+            ..default
+        }),
+        PunctureError::Material(_)
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            stiffening: -1.0,
+            ..default
+        }),
+        PunctureError::Stiffening(_)
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            thickness_mm: 0.0,
+            ..default
+        }),
+        PunctureError::Body(_)
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions {
+            wall_n: -1.0,
+            ..default
+        }),
+        PunctureError::Way(_)
+    ));
+    assert!(matches!(
+        wrong(PunctureOptions { order: 1.5, ..default }),
+        PunctureError::Step { .. }
+    ));
+}

@@ -1,0 +1,324 @@
+//! Tissue that stiffens and creeps: what schemes and models cost, and how far they are from the truth.
+//!
+//! A plate comes down onto a block and stays. One table compares the schemes with full Newton of a hundredth of their tolerance in
+//! elastic tissue: Euler's steps as the paper has them, with the consistent tangent, and with the balance put right; modified
+//! Newton-Raphson plain and accelerated; full Newton. The other compares models with the finest one, viscoelastic tissue by the law
+//! of rates in four times as many steps, and each with itself in four times as many: what a model leaves out, and what its steps do.
+
+mod subject;
+#[cfg(test)]
+mod tests;
+
+use super::{Axis, Factor, Figure, Study, Table};
+use crate::mechanics::mesh::InvalidMesh;
+use crate::mechanics::tissue::material::InvalidMaterial;
+use crate::mechanics::tissue::nonlinear::creep::{CreepError, Memory};
+use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening, NonlinearError, Scheme, Slope};
+use crate::study::machine::Machine;
+use crate::study::spread::Spread;
+use subject::{Model, Subject, Walked, Way};
+
+/// What to study.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TissueOptions {
+    /// Nodes of the block (default 3,300).
+    pub nodes: usize,
+    /// Young's modulus below the knee, kPa (default 1.16, porcine liver's).
+    pub young_kpa: f64,
+    /// Poisson's ratio (default 0.45).
+    pub poisson: f64,
+    /// Relative strain above which it stiffens (default 0.303).
+    pub knee_strain: f64,
+    /// How fast (default 20).
+    pub stiffening: f64,
+    /// Order of the viscosity (default 0.1).
+    pub order: f64,
+    /// How far the plate goes down, mm (default 12).
+    pub depth_mm: f64,
+    /// The least and the most steps until it is down, doubled in between (default 5 to 40).
+    pub steps: [u32; 2],
+}
+
+impl Default for TissueOptions {
+    fn default() -> Self {
+        TissueOptions {
+            nodes: 3300,
+            young_kpa: 1.16,
+            poisson: 0.45,
+            knee_strain: 0.303,
+            stiffening: 20.0,
+            order: 0.1,
+            depth_mm: 12.0,
+            steps: [5, 40],
+        }
+    }
+}
+
+/// Why tissue cannot be studied.
+#[derive(Debug, thiserror::Error)]
+pub enum TissueError {
+    /// There is no such mesh.
+    #[error(transparent)]
+    Mesh(#[from] InvalidMesh),
+    /// The material is no material.
+    #[error(transparent)]
+    Material(#[from] InvalidMaterial),
+    /// What stiffens is none.
+    #[error(transparent)]
+    Stiffening(#[from] InvalidStiffening),
+    /// The mesh makes no body.
+    #[error(transparent)]
+    Body(#[from] InvalidBody),
+    /// The body cannot be solved.
+    #[error(transparent)]
+    Nonlinear(#[from] NonlinearError),
+    /// There is no such history.
+    #[error(transparent)]
+    Creep(#[from] CreepError),
+    /// The truth itself does not come out.
+    #[error("what all else is compared with cannot be solved: {0}")]
+    Gold(String),
+}
+
+const FACTORS: [Factor; 2] = [
+    Factor {
+        key: "scheme",
+        label: "scheme",
+    },
+    Factor {
+        key: "steps",
+        label: "steps",
+    },
+];
+
+const MODELS: [Factor; 2] = [
+    Factor {
+        key: "model",
+        label: "model",
+    },
+    FACTORS[1],
+];
+
+const fn axis(key: &'static str, heading: &'static str, label: &'static str, log: bool) -> Axis {
+    Axis {
+        key,
+        heading,
+        label,
+        log,
+    }
+}
+
+const MEDIAN: Axis = axis("median_ms", "ms", "time of a step (median), ms", true);
+const TOTAL: Axis = axis("total_ms", "total ms", "time of all steps, ms", true);
+const ERROR: Axis = axis("error", "err u", "relative error of displacements", true);
+const ITERATIONS: Axis = axis("iterations", "iterations", "iterations of a step", false);
+const FACTORISATIONS: Axis = axis("factorisations", "factorisations", "factorisations of a step", false);
+const FORCE: Axis = axis("force_n", "force N", "force on the plate when it is down, N", false);
+const RELAXED: Axis = axis("relaxed_n", "end N", "force on the plate at the end, N", false);
+const ERROR_FORCE: Axis = axis(
+    "error_force",
+    "err force",
+    "relative error of the force when the plate is down",
+    true,
+);
+const OWN: Axis = axis(
+    "error_own",
+    "err steps",
+    "relative error of that force against four times as many steps",
+    true,
+);
+
+/// Tolerance of the schemes; the gold standard has a hundredth of it.
+const TOLERANCE: f64 = 1e-8;
+
+fn schemes() -> [(&'static str, Scheme); 6] {
+    let euler = |slope, corrected| Scheme::Euler { slope, corrected };
+    [
+        ("Euler (paper)", euler(Slope::Scalar, false)),
+        ("Euler, consistent", euler(Slope::Consistent, false)),
+        ("Euler, corrected", euler(Slope::Scalar, true)),
+        ("modified Newton (paper)", Scheme::Modified { memory: 0 }),
+        ("modified Newton, accelerated", Scheme::MODIFIED),
+        ("full Newton", Scheme::Newton),
+    ]
+}
+
+const ALL_MODELS: [(&str, Model); 4] = [
+    ("linear", Model::Linear),
+    ("nonlinear", Model::Nonlinear),
+    ("viscoelastic, load integral", Model::Viscous(Memory::LoadIntegral)),
+    ("viscoelastic, rate", Model::Viscous(Memory::Rate)),
+];
+
+/// Studies a block. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+///
+/// # Errors
+/// [`TissueError`].
+pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, TissueError> {
+    let subject = Subject::new(options)?;
+    let counts: Vec<u32> = std::iter::successors(Some(options.steps[0].max(1)), |steps| steps.checked_mul(2))
+        .take_while(|steps| *steps <= options.steps[1].max(1))
+        .collect();
+    let most = counts.last().copied().unwrap_or(1);
+    let total = ((schemes().len() + ALL_MODELS.len()) * counts.len() + 2) as f64;
+    let mut done = 0.0;
+    let mut next = |what: &str| {
+        progress(what, (done / total).min(1.0));
+        done += 1.0;
+    };
+
+    next("the gold standard");
+    let gold = truth(&subject, Model::Nonlinear, 1, false)?;
+    let axes = [TOTAL, MEDIAN, ERROR, ITERATIONS, FACTORISATIONS];
+    let mut table = Table::new("schemes", "Schemes in elastic tissue that stiffens", &FACTORS, &axes);
+    for (name, scheme) in schemes() {
+        for &steps in &counts {
+            next(&format!("{name}, {steps} steps"));
+            let way = Way {
+                model: Model::Nonlinear,
+                scheme,
+                steps,
+                hold: false,
+                tolerance: TOLERANCE,
+            };
+            let walked = subject.walk(&way)?;
+            let each = |count: usize| Some(count as f64 / f64::from(steps));
+            let error = relative(&walked.displacement, &gold.displacement);
+            let values = vec![
+                total_ms(&walked),
+                median_ms(&walked),
+                Some(error),
+                each(walked.iterations),
+                each(walked.factorisations),
+            ];
+            table.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
+        }
+    }
+    table.mark_front("total_ms", "error", "steps");
+
+    next("the finest model");
+    let finest = truth(&subject, Model::Viscous(Memory::Rate), 4 * most, true)?;
+    let axes = [TOTAL, FORCE, RELAXED, ERROR_FORCE, OWN, ERROR];
+    let mut models = Table::new(
+        "models",
+        "Models against viscoelastic tissue in the finest steps",
+        &MODELS,
+        &axes,
+    );
+    for (name, model) in ALL_MODELS {
+        let own = match model {
+            Model::Linear | Model::Nonlinear => None,
+            Model::Viscous(_) => Some(truth(&subject, model, 4 * most, true)?),
+        };
+        for &steps in &counts {
+            next(&format!("{name}, {steps} steps"));
+            let way = Way {
+                model,
+                scheme: Scheme::MODIFIED,
+                steps,
+                hold: true,
+                tolerance: TOLERANCE,
+            };
+            let walked = subject.walk(&way)?;
+            let off = |other: &Walked| (walked.force_n[0] / other.force_n[0] - 1.0).abs();
+            let values = vec![
+                total_ms(&walked),
+                Some(walked.force_n[0]),
+                Some(walked.force_n[1]),
+                Some(off(&finest)),
+                own.as_ref().map(off),
+                Some(relative(&walked.displacement, &finest.displacement)),
+            ];
+            models.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
+        }
+    }
+    models.mark_front("total_ms", "error_force", "steps");
+    progress("done", 1.0);
+    Ok(finish(options, &subject, vec![table, models]))
+}
+
+/// Full Newton to a hundredth of the tolerance.
+fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, TissueError> {
+    // An elastic body's way does not matter; large steps may not converge.
+    let least = if hold { steps } else { steps.max(8) };
+    let tolerance = 1e-2 * TOLERANCE;
+    let walked = subject.walk(&Way {
+        model,
+        scheme: Scheme::Newton,
+        steps: least,
+        hold,
+        tolerance,
+    })?;
+    match walked.flag {
+        Some(flag) => Err(TissueError::Gold(flag)),
+        None => Ok(walked),
+    }
+}
+
+fn total_ms(walked: &Walked) -> Option<f64> {
+    (!walked.times_ms.is_empty()).then(|| walked.times_ms.iter().sum())
+}
+
+fn median_ms(walked: &Walked) -> Option<f64> {
+    Spread::of(walked.times_ms.clone()).map(|spread| spread.median_ms)
+}
+
+fn relative(found: &[f64], expected: &[f64]) -> f64 {
+    let largest = expected.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
+    let off = found
+        .iter()
+        .zip(expected)
+        .fold(0.0, |a: f64, (x, y)| a.max((x - y).abs()));
+    off / largest
+}
+
+fn finish(options: &TissueOptions, subject: &Subject, tables: Vec<Table>) -> Study {
+    let [nodes, elements, free] = subject.sizes();
+    let figure = |file: &str, title: &str, table, x, y, colour| Figure {
+        file: file.to_owned(),
+        title: title.to_owned(),
+        table,
+        x,
+        y,
+        colour,
+        marker: vec!["steps"],
+        only: Vec::new(),
+        joined: false,
+        front: false,
+    };
+    Study {
+        name: "tissue",
+        about: vec![
+            ("nodes", nodes.to_string()),
+            ("elements", elements.to_string()),
+            ("degrees_of_freedom", free.to_string()),
+            ("young_kpa", options.young_kpa.to_string()),
+            ("poisson", options.poisson.to_string()),
+            ("knee_strain", options.knee_strain.to_string()),
+            ("stiffening", options.stiffening.to_string()),
+            ("order", options.order.to_string()),
+            ("depth_mm", options.depth_mm.to_string()),
+        ],
+        machine: Machine::here(),
+        figures: vec![
+            figure(
+                "schemes",
+                "Schemes: time against error",
+                "schemes",
+                "total_ms",
+                "error",
+                "scheme",
+            ),
+            figure(
+                "models",
+                "Models: time against the finest",
+                "models",
+                "total_ms",
+                "error_force",
+                "model",
+            ),
+        ],
+        tables,
+        notes: Vec::new(),
+    }
+}

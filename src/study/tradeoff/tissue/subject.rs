@@ -1,0 +1,162 @@
+//! A block of liver that a plate presses into, and one way through its history.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::{TissueError, TissueOptions};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
+use crate::mechanics::tissue::viscoelastic::Rule;
+
+/// Edges of the block, mm.
+const EXTENT_MM: [f64; 3] = [60.0, 40.0, 40.0];
+
+/// The plate comes down in the first half of the time, and stays.
+const SECONDS: f64 = 4.0;
+
+/// The block and what drives it.
+pub struct Subject {
+    stiffening: Arc<Solid>,
+    linear: Arc<Solid>,
+    supports: Supports<3>,
+    /// Full displacement of each prescribed degree of freedom, mm.
+    depth: Vec<f64>,
+    options: TissueOptions,
+}
+
+/// How tissue answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    Linear,
+    Nonlinear,
+    Viscous(Memory),
+}
+
+/// One way through the history.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    pub model: Model,
+    pub scheme: Scheme,
+    /// Steps until the plate is down.
+    pub steps: u32,
+    /// Whether the time after that is gone through too.
+    pub hold: bool,
+    pub tolerance: f64,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, Default)]
+pub struct Walked {
+    /// Time of each step, ms.
+    pub times_ms: Vec<f64>,
+    pub iterations: usize,
+    pub factorisations: usize,
+    /// Displacements at the end, mm.
+    pub displacement: Vec<f64>,
+    /// Force on the plate when it is down, and at the end, N.
+    pub force_n: [f64; 2],
+    /// What it did not get over.
+    pub flag: Option<String>,
+}
+
+impl Subject {
+    pub fn new(options: &TissueOptions) -> Result<Subject, TissueError> {
+        let mesh = TetMesh::over_box([0.0; 3], EXTENT_MM, options.nodes)?;
+        let material = Material::new(options.young_kpa, options.poisson)?;
+        let law = Stiffening::new(material, options.knee_strain, options.stiffening)?;
+        let elements = mesh.elements().len();
+        let body = |law| Solid::tetrahedra(&mesh, &vec![law; elements]).map(Arc::new);
+        let [x, y, top] = EXTENT_MM;
+        let plate =
+            |p: &[f64; 3]| p[2] == top && (p[0] - x / 2.0).abs() <= x / 6.0 && (p[1] - y / 2.0).abs() <= y / 4.0;
+        let mut held = Vec::new();
+        let mut pressed = vec![0.0; 3 * mesh.nodes().len()];
+        for (node, p) in (0u32..).zip(mesh.nodes()) {
+            if p[2] == 0.0 {
+                held.extend((0..3u8).map(|axis| (node, axis)));
+            } else if plate(p) {
+                held.push((node, 2));
+                pressed[3 * node as usize + 2] = -options.depth_mm;
+            }
+        }
+        let supports = Supports::new(mesh.nodes().len(), held);
+        let depth: Vec<f64> = supports.prescribed().iter().map(|dof| pressed[*dof as usize]).collect();
+        Ok(Subject {
+            stiffening: body(law)?,
+            linear: body(Stiffening::linear(material))?,
+            supports,
+            depth,
+            options: *options,
+        })
+    }
+
+    /// Nodes, elements, free degrees of freedom.
+    pub fn sizes(&self) -> [usize; 3] {
+        [
+            self.linear.nodes().len(),
+            self.linear.elements().len(),
+            self.supports.free().len(),
+        ]
+    }
+
+    /// Goes through the history. What cannot be solved is told, not an error: it is a figure of that way.
+    pub fn walk(&self, way: &Way) -> Result<Walked, TissueError> {
+        let body = if way.model == Model::Linear {
+            &self.linear
+        } else {
+            &self.stiffening
+        };
+        let options = Options {
+            scheme: way.scheme,
+            tolerance: way.tolerance,
+            iterations: 200,
+        };
+        let solver = Solver::new(Arc::clone(body), self.supports.clone(), options)?;
+        let loads = vec![0.0; self.supports.all()];
+        let mut structure = match way.model {
+            Model::Linear | Model::Nonlinear => Structure::Elastic(Box::new(solver)),
+            Model::Viscous(memory) => {
+                let creep = Creep::new(solver, memory, self.options.order, Rule::Trapezoid, &loads)?;
+                Structure::Viscous(Box::new(creep))
+            }
+        };
+        let mut walked = Walked::default();
+        let step_s = 0.5 * SECONDS / f64::from(way.steps);
+        let steps = if way.hold { 2 * way.steps } else { way.steps };
+        for step in 1..=steps {
+            let share = (f64::from(step) / f64::from(way.steps)).min(1.0);
+            let held: Vec<f64> = self.depth.iter().map(|depth| share * depth).collect();
+            let started = Instant::now();
+            match structure.step(step_s, &loads, &held, None) {
+                Ok(progress) => {
+                    walked.iterations += progress.iterations;
+                    walked.factorisations += progress.factorisations;
+                }
+                Err(error) => {
+                    walked.flag = Some(format!("step {step}: {error}"));
+                    break;
+                }
+            }
+            walked.times_ms.push(1e3 * started.elapsed().as_secs_f64());
+            if step == way.steps {
+                walked.force_n[0] = self.force(&structure);
+            }
+        }
+        walked.force_n[1] = self.force(&structure);
+        walked.displacement = structure.displacement().to_vec();
+        Ok(walked)
+    }
+
+    /// Force on the plate, N.
+    fn force(&self, structure: &Structure<3, 4>) -> f64 {
+        let driven = self
+            .supports
+            .prescribed()
+            .iter()
+            .zip(&self.depth)
+            .filter(|(_, depth)| **depth != 0.0);
+        -driven.map(|(dof, _)| structure.forces()[*dof as usize]).sum::<f64>()
+    }
+}

@@ -1,0 +1,72 @@
+//! A small block, all the way.
+
+use super::*;
+
+#[test]
+fn a_small_block_is_studied() {
+    let options = TissueOptions {
+        nodes: 120,
+        steps: [4, 8],
+        ..TissueOptions::default()
+    };
+    let mut last = 0.0;
+    let study = study(&options, &mut |_, share| {
+        assert!((last..=1.0).contains(&share));
+        last = share;
+    });
+    let study = study.unwrap();
+    assert_eq!(last, 1.0);
+    let [schemes, models] = &study.tables[..] else {
+        panic!("{:?}", study.tables)
+    };
+    assert_eq!((schemes.rows.len(), models.rows.len()), (12, 8));
+    let value = |table: &Table, name: &str, steps: &str, key: &str| {
+        let row = table.rows.iter().find(|row| row.choices == [name, steps]).unwrap();
+        assert_eq!(row.flag, None, "{name}");
+        row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()].unwrap()
+    };
+    // Iterations come to their tolerance, over how much it may be of the displacements; Euler's steps err less the shorter they are.
+    for name in ["modified Newton (paper)", "modified Newton, accelerated", "full Newton"] {
+        assert!(value(schemes, name, "8", "error") < 1e-5, "{name}");
+    }
+    for name in ["Euler (paper)", "Euler, consistent", "Euler, corrected"] {
+        let [coarse, fine] = ["4", "8"].map(|steps| value(schemes, name, steps, "error"));
+        assert!(fine < coarse && coarse < 0.2, "{name}: {coarse} {fine}");
+    }
+    assert_eq!(value(schemes, "Euler (paper)", "8", "iterations"), 1.0);
+    // Linear tissue is softest; elastic tissue does not relax, viscoelastic does.
+    let force = |name: &str, key: &str| value(models, name, "8", key);
+    assert!(force("linear", "force_n") < force("nonlinear", "force_n"));
+    assert!((force("nonlinear", "relaxed_n") / force("nonlinear", "force_n") - 1.0).abs() < 1e-6);
+    for name in ["viscoelastic, load integral", "viscoelastic, rate"] {
+        assert!(force(name, "relaxed_n") < 0.99 * force(name, "force_n"), "{name}");
+    }
+    assert!(force("viscoelastic, rate", "error_force") < 0.02);
+}
+
+#[test]
+fn what_is_no_tissue_is_refused() {
+    let wrong = |options| study(&options, &mut |_, _| {}).unwrap_err();
+    let default = TissueOptions {
+        nodes: 60,
+        ..TissueOptions::default()
+    };
+    assert!(matches!(
+        wrong(TissueOptions {
+            poisson: 0.5,
+            ..default
+        }),
+        TissueError::Material(_)
+    ));
+    assert!(matches!(
+        wrong(TissueOptions {
+            stiffening: -1.0,
+            ..default
+        }),
+        TissueError::Stiffening(_)
+    ));
+    assert!(matches!(
+        wrong(TissueOptions { order: 2.0, ..default }),
+        TissueError::Creep(_)
+    ));
+}
