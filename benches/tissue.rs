@@ -2,6 +2,7 @@
 //! freedom. Assembly, ordering and factorisation, and solutions, on one thread.
 
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
@@ -11,6 +12,7 @@ use insonify::mechanics::tissue::assembly::Stiffness;
 use insonify::mechanics::tissue::dofs::Dofs;
 use insonify::mechanics::tissue::factor::Factor;
 use insonify::mechanics::tissue::material::{Material, Materials};
+use insonify::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Supports, Target};
 use insonify::mechanics::tissue::problem::{Fix, Load, StaticProblem};
 use nalgebra::Matrix4;
 
@@ -121,9 +123,65 @@ fn problem(criterion: &mut Criterion) {
     });
 }
 
+/// A plate of 20 x 20 mm that goes to and fro by half a millimetre, 8 mm deep in tissue that stiffens above a relative strain of 0.1:
+/// forces in balance to a millionth.
+fn nonlinear(criterion: &mut Criterion) {
+    let block = block();
+    let law = Stiffening::new(soft(), 0.1, 20.0).expect("a law");
+    let body = Solid::tetrahedra(&block.mesh, &vec![law; block.mesh.elements().len()]).expect("a sound mesh");
+    let body = Arc::new(body);
+    let [x, y, z] = CELLS.map(|cells| 10.0 * cells as f64);
+    let near = |p: f64, middle: f64| (p - middle).abs() < 11.0;
+    let plate = (0..)
+        .zip(block.mesh.nodes())
+        .filter(|(_, p)| p[1] == y && near(p[0], x / 2.0) && near(p[2], z / 2.0));
+    let plate: Vec<u32> = plate.map(|(node, _)| node).collect();
+    let held = block.held.iter().copied().chain(plate.iter().map(|node| (*node, 1)));
+    let supports = Supports::new(block.mesh.nodes().len(), held);
+    let loads = vec![0.0; supports.all()];
+    let at = |depth: f64| -> Vec<f64> {
+        let driven = |dof: &u32| plate.contains(&(dof / 3)) && dof % 3 == 1;
+        supports
+            .prescribed()
+            .iter()
+            .map(|dof| if driven(dof) { -depth } else { 0.0 })
+            .collect()
+    };
+    let mut group = criterion.benchmark_group("tissue/nonlinear");
+    for (name, scheme) in [("modified Newton", Scheme::MODIFIED), ("full Newton", Scheme::Newton)] {
+        let options = Options {
+            scheme,
+            tolerance: 1e-6,
+            ..Options::default()
+        };
+        let mut solver = Solver::new(Arc::clone(&body), supports.clone(), options).expect("held");
+        let mut go = |depth: f64| {
+            let prescribed = at(depth);
+            let target = Target {
+                loads: &loads,
+                prescribed: &prescribed,
+                contact: None,
+                offset: None,
+            };
+            solver.step(black_box(&target)).expect("solvable").iterations
+        };
+        for step in 1..=16 {
+            go(0.5 * f64::from(step));
+        }
+        let mut down = false;
+        group.bench_function(format!("a step, {name}"), |bencher| {
+            bencher.iter(|| {
+                down = !down;
+                go(if down { 8.5 } else { 8.0 })
+            });
+        });
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(Duration::from_secs(4));
-    targets = assembly, factor, solve, problem
+    targets = assembly, factor, solve, problem, nonlinear
 }
 criterion_main!(benches);

@@ -83,7 +83,7 @@ impl Puncture {
             wall_n: self.wall_n,
             ..PunctureOptions::default()
         };
-        let mut all = vec![("as asked", options)];
+        let mut all = vec![(name(&options), options)];
         if self.compare {
             all.push(("elastic", PunctureOptions { order: 0.0, ..options }));
             all.push((
@@ -123,6 +123,14 @@ impl Puncture {
         } else {
             terminal::emit(&asked.text())
         }
+    }
+}
+
+fn name(options: &PunctureOptions) -> &'static str {
+    match (options.order > 0.0, options.stiffening > 0.0) {
+        (true, _) => "viscoelastic",
+        (false, true) => "elastic",
+        (false, false) => "linear",
     }
 }
 

@@ -66,11 +66,13 @@ impl Liver {
         for j in 0..rows {
             for i in 0..columns {
                 let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                // Diagonals that mirror each other at the needle.
-                if nodes[a as usize][0] < NEEDLE_MM - 1e-9 {
-                    triangles.extend([[a, b, d], [b, c, d]]);
-                } else {
+                // Diagonals follow the wall of the vein; elsewhere they mirror each other at the needle.
+                let wall = |node: u32| (radius(nodes[node as usize], centre) - 1.0).abs() < 1e-9;
+                let left = nodes[a as usize][0] < NEEDLE_MM - 1e-9;
+                if wall(a) && wall(c) || !(left || wall(b) && wall(d)) {
                     triangles.extend([[a, b, c], [a, c, d]]);
+                } else {
+                    triangles.extend([[a, b, d], [b, c, d]]);
                 }
             }
         }

@@ -1,6 +1,8 @@
 //! One increment after the other: loads, prescribed displacements and a contact in, balanced displacements out.
 
 mod linear;
+mod options;
+mod schemes;
 mod target;
 
 use std::sync::Arc;
@@ -11,92 +13,8 @@ use super::error::NonlinearError;
 use super::supports::Supports;
 use super::tangent::Kind;
 use linear::Linear;
+pub use options::{Options, Progress, Scheme, Slope};
 pub use target::{Contact, Target};
-
-/// Iterations that leave more than this of the residual, each on average, have modified Newton-Raphson factor anew: a
-/// factorisation costs as much as some twenty solves, and twenty solves at this rate gain six digits.
-const SLOW: f64 = 0.5;
-
-/// Iterations with a factor before it is judged slow.
-const TRIAL: usize = 4;
-
-/// How often a full Newton step is halved at most.
-const HALVINGS: usize = 8;
-
-/// Which tangent an Euler step takes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Slope {
-    /// The paper's: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
-    #[default]
-    Scalar,
-    /// The derivative of the law.
-    Consistent,
-}
-
-/// How an increment is solved.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Scheme {
-    /// One solve with the tangent at its start; what is out of balance is told, not iterated upon.
-    Euler {
-        /// The tangent.
-        slope: Slope,
-        /// Whether what the last increments left out of balance is added to this one; the paper's is not. With an offset of
-        /// displacements it always is.
-        corrected: bool,
-    },
-    /// Iterations with a factor of the scalar tangent that is kept as long as it serves.
-    Modified {
-        /// Iterations that the next is improved by (Anderson's acceleration): 0 for the plain method, which is the paper's.
-        memory: usize,
-    },
-    /// Iterations with the consistent tangent, factored at each.
-    #[default]
-    Newton,
-}
-
-impl Scheme {
-    /// Modified Newton-Raphson with the memory that it gains most by.
-    pub const MODIFIED: Scheme = Scheme::Modified { memory: 6 };
-}
-
-/// When an increment is solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    /// How.
-    pub scheme: Scheme,
-    /// The largest force out of balance over the largest force at a node so far. Default 1e-9.
-    pub tolerance: f64,
-    /// Iterations of an increment at most. Default 60; full Newton needs no more than ten where modified needs all.
-    pub iterations: usize,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            scheme: Scheme::default(),
-            tolerance: 1e-9,
-            iterations: 60,
-        }
-    }
-}
-
-/// What an increment took.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Progress {
-    /// Iterations: changes of the displacements.
-    pub iterations: usize,
-    /// Factorisations among them.
-    pub factorisations: usize,
-    /// Largest force out of balance over the largest force at a node, before each iteration and at the end.
-    pub residuals: Vec<f64>,
-}
-
-impl Progress {
-    /// The residual at the end.
-    pub fn residual(&self) -> f64 {
-        self.residuals.last().copied().unwrap_or(0.0)
-    }
-}
 
 /// A body, where it is held, and its state.
 #[derive(Clone, Debug)]
@@ -270,116 +188,6 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             Scheme::Modified { memory } => self.modified(target, memory),
             Scheme::Newton => self.newton(target),
         }
-    }
-
-    fn euler(&mut self, target: &Target<'_>, slope: Slope, corrected: bool) -> Result<(), NonlinearError> {
-        let kind = match slope {
-            Slope::Scalar => Kind::Scalar,
-            Slope::Consistent => Kind::Consistent,
-        };
-        let residual = self.residual(target);
-        self.progress.residuals.push(residual);
-        self.factor(kind)?;
-        if !corrected && target.offset.is_none() {
-            // Only what the loads gain: the body is taken to balance those before.
-            for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
-                *rest = target.loads[dof as usize] - self.applied[dof as usize];
-            }
-            if let Some(contact) = target.contact {
-                contact.add_free(self.state.contact, &self.supports, &mut self.rest);
-            }
-        }
-        self.propose(target, kind)?;
-        self.change(target);
-        let residual = self.residual(target);
-        self.progress.residuals.push(residual);
-        self.finite(residual)
-    }
-
-    fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
-        let mut residual = self.residual(target);
-        let mut pending = self.pending(target);
-        // Whether the factor is that of this very state; iterations with it in this increment, and the residual before them.
-        let (mut own, mut tried, mut first) = (false, 0, residual);
-        self.anderson.clear();
-        loop {
-            self.progress.residuals.push(residual);
-            if residual <= self.options.tolerance && !pending {
-                return Ok(());
-            }
-            self.more(residual)?;
-            self.before.take(&self.state);
-            self.propose(target, Kind::Scalar)?;
-            if !pending {
-                self.anderson.improve(memory, &mut self.change);
-            }
-            self.change(target);
-            let mut next = self.residual(target);
-            // What is prescribed arrives at once, and may throw forces out of balance that were in it.
-            if pending {
-                (own, tried, first) = (false, 0, next);
-            } else if next > self.options.tolerance || next.is_nan() {
-                tried += 1;
-                let worse = next >= residual || next.is_nan();
-                if worse {
-                    self.anderson.clear();
-                }
-                if worse && own {
-                    next = self.backtrack(target, residual, next);
-                } else if worse && tried == 1 {
-                    self.state.take(&self.before);
-                }
-                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
-                if (worse && !own) || slow {
-                    self.factor(Kind::Scalar)?;
-                    self.anderson.clear();
-                    residual = self.residual(target);
-                    (own, tried, first) = (true, 0, residual);
-                    continue;
-                }
-                own = false;
-            }
-            self.finite(next)?;
-            (residual, pending) = (next, self.pending(target));
-        }
-    }
-
-    fn newton(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
-        let mut residual = self.residual(target);
-        let mut pending = self.pending(target);
-        loop {
-            self.progress.residuals.push(residual);
-            if residual <= self.options.tolerance && !pending {
-                return Ok(());
-            }
-            self.more(residual)?;
-            self.factor(Kind::Consistent)?;
-            self.before.take(&self.state);
-            self.propose(target, Kind::Consistent)?;
-            self.change(target);
-            let mut next = self.residual(target);
-            if !pending {
-                next = self.backtrack(target, residual, next);
-            }
-            self.finite(next)?;
-            (residual, pending) = (next, self.pending(target));
-        }
-    }
-
-    /// Half the way from the state before, as long as the whole way leads no nearer; the residual there.
-    fn backtrack(&mut self, target: &Target<'_>, residual: f64, mut next: f64) -> f64 {
-        for _ in 0..HALVINGS {
-            if next < residual || next <= self.options.tolerance {
-                break;
-            }
-            let half = |state: &mut f64, before: &f64| *state = 0.5 * (*state + before);
-            let pairs = self.state.displacement.iter_mut().zip(&self.before.displacement);
-            pairs.for_each(|(state, before)| half(state, before));
-            half(&mut self.state.contact, &self.before.contact);
-            self.respond(target);
-            next = self.residual(target);
-        }
-        next
     }
 
     /// A change of the displacements, and at its end of the contact force, by the factor at hand: what is prescribed and the contact
