@@ -1,6 +1,7 @@
 //! `insonify beam`: what it prints and draws, and that whatever is wrong with a case or with points ends with status 2, the line,
 //! and nothing written.
 
+use insonify::scenario::EXAMPLES;
 use serde_json::Value;
 
 use crate::support::Bench;
@@ -141,8 +142,8 @@ fn bad_cases_are_refused_with_their_line() {
         (
             "displacement_mm = 15.0\nslope = -0.4",
             "displacement_mm = 1e5",
-            4,
-            "expected",
+            14,
+            "compressed to nothing",
         ),
     ] {
         bench.write("case.toml", &CASE.replacen(from, to, 1));
@@ -258,4 +259,55 @@ fn the_published_table_is_regenerated() {
     }
     assert!(bench.files("out").contains(&"table-one.csv".to_owned()));
     assert!(bench.run("beam table").text().contains("Table I"));
+}
+
+#[test]
+fn choices_are_studied() {
+    let bench = Bench::new();
+    let json = bench.run("tradeoff beam --json -q -o study").json();
+    for (table, rows) in [("elements", 15), ("friction", 30), ("models", 72), ("needles", 10)] {
+        let found = json["tables"][table]["rows"].as_array().expect("rows");
+        assert_eq!(found.len(), rows, "{table}");
+        assert!(found.iter().all(|row| row["flag"].is_null()), "{table}");
+    }
+    let files = bench.files("study");
+    for file in [
+        "beam-elements.svg",
+        "beam-friction.svg",
+        "beam-models-psm.svg",
+        "beam-needles.svg",
+        "models.csv",
+    ] {
+        assert!(files.contains(&file.to_owned()), "{files:?}");
+    }
+}
+
+/// Springs and beam have keys of their own.
+#[test]
+fn a_needle_of_a_scenario_may_be_a_beam() {
+    let bench = Bench::new();
+    let name = "prostate-brachytherapy";
+    let (_, text) = EXAMPLES.iter().find(|(known, _)| *known == name).expect(name);
+    let beam = text.replace("model = \"springs\"", "model = \"beam\"");
+    for (from, to, words) in [
+        ("link_mm = 10.0\n", "", "kappa_nmm_per_deg"),
+        ("kappa_nmm_per_deg = 10.7\n", "", "link_mm"),
+        (
+            "kappa_nmm_per_deg = 10.7\nlink_mm = 10.0",
+            "element_mm = 0.1",
+            "0.5 to 100",
+        ),
+        (
+            "kappa_nmm_per_deg = 10.7\nlink_mm = 10.0",
+            "young_gpa = 200.0\nbending_stiffness_nmm2 = 6000.0",
+            "one of them",
+        ),
+    ] {
+        let wrong = beam.replace(from, to);
+        assert_ne!(wrong, beam, "{from}");
+        bench.write("beam.toml", &wrong);
+        bench
+            .run("insert beam.toml -o out -q")
+            .fails(2, &["beam.toml, line ", words]);
+    }
 }
