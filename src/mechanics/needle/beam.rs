@@ -24,6 +24,7 @@
 //! | [`inverse`] | the base motion for a wanted tip or a wanted centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
+mod error;
 pub mod fit;
 mod foundation;
 pub mod inverse;
@@ -33,7 +34,8 @@ pub mod problem;
 pub mod shape;
 mod sweep;
 
+pub use error::{BeamError, TOLERANCE};
 pub use material::{Compression, Material};
-pub use newton::{BeamError, FoundationBeam};
+pub use newton::FoundationBeam;
 pub use problem::{Base, Layer, Problem, bending_stiffness_nmm2};
 pub use shape::{Point, Shape};

@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::newton::{BeamError, FoundationBeam};
+use super::error::BeamError;
+use super::newton::FoundationBeam;
 use super::problem::Base;
 use super::shape::Shape;
 use crate::mechanics::needle::InvalidNeedleModel;

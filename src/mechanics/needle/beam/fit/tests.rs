@@ -1,0 +1,152 @@
+use super::*;
+
+fn samples(material: Material, compression: Compression, lowest: f64) -> Vec<Sample> {
+    let law = Law::new(&material, compression);
+    let stretch = |at: i32| lowest + (1.0 - lowest) * f64::from(at) / 20.0;
+    (0..=20)
+        .map(|at| Sample {
+            stretch: stretch(at),
+            stress_kpa: law.at(stretch(at)).stress_kpa,
+        })
+        .collect()
+}
+
+#[test]
+fn what_made_the_data_is_found() {
+    let materials = [
+        Material::NeoHookean { mu_kpa: 9.0 },
+        Material::MooneyRivlin {
+            c10_kpa: 4.0,
+            c01_kpa: 2.5,
+        },
+        Material::Yeoh {
+            c10_kpa: 3.0,
+            c20_kpa: 1.2,
+        },
+        Material::Ogden {
+            mu_kpa: 12.72,
+            alpha: -1.0,
+        },
+        Material::Ogden {
+            mu_kpa: 3.63,
+            alpha: 8.74,
+        },
+    ];
+    for material in materials {
+        for compression in [Compression::UEng, Compression::UTru] {
+            let fit = Fit::new(&samples(material, compression, 0.5), compression).expect("a fit");
+            let found = fit
+                .models
+                .iter()
+                .find(|model| model.material.model() == material.model());
+            let found = found.expect("its model");
+            assert!(found.r_squared > 1.0 - 1e-12, "{found:?}");
+            let pairs = material.parameters().into_iter().zip(found.material.parameters());
+            for ((key, expected), (_, found)) in pairs {
+                // The golden section ends at 1e-9; the sum of squares is flat there to the root of rounding, 1e-8.
+                assert!(
+                    (found - expected).abs() < 1e-5 * expected.abs(),
+                    "{key}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// Least squares: no parameter moved a little fits better.
+#[test]
+fn fits_are_the_best_of_their_model() {
+    let mut data = samples(
+        Material::Ogden {
+            mu_kpa: 5.0,
+            alpha: 6.0,
+        },
+        Compression::UTru,
+        0.6,
+    );
+    for (at, sample) in data.iter_mut().enumerate() {
+        sample.stress_kpa *= 1.0 + 0.05 * (at as f64 * 2.3).sin();
+    }
+    let fit = Fit::new(&data, Compression::UTru).expect("a fit");
+    for model in &fit.models {
+        let best = remainder(&data, &model.material, Compression::UTru);
+        assert!(model.r_squared > 0.9 && model.r_squared < 1.0);
+        for by in [0.999, 1.001] {
+            let others = match model.material {
+                Material::NeoHookean { mu_kpa } => vec![Material::NeoHookean { mu_kpa: by * mu_kpa }],
+                Material::Ogden { mu_kpa, alpha } => vec![
+                    Material::Ogden {
+                        mu_kpa: by * mu_kpa,
+                        alpha,
+                    },
+                    Material::Ogden {
+                        mu_kpa,
+                        alpha: by * alpha,
+                    },
+                ],
+                Material::MooneyRivlin { c10_kpa, c01_kpa } => vec![
+                    Material::MooneyRivlin {
+                        c10_kpa: by * c10_kpa,
+                        c01_kpa,
+                    },
+                    Material::MooneyRivlin {
+                        c10_kpa,
+                        c01_kpa: by * c01_kpa,
+                    },
+                ],
+                Material::Yeoh { c10_kpa, c20_kpa } => vec![
+                    Material::Yeoh {
+                        c10_kpa: by * c10_kpa,
+                        c20_kpa,
+                    },
+                    Material::Yeoh {
+                        c10_kpa,
+                        c20_kpa: by * c20_kpa,
+                    },
+                ],
+            };
+            for other in others {
+                assert!(remainder(&data, &other, Compression::UTru) > best, "{other:?}");
+            }
+        }
+    }
+}
+
+/// As in the paper: of data from a phantom down to 0.8, Neo-Hooke's model leaves the others first.
+#[test]
+fn models_that_part_beyond_the_data_are_named() {
+    let phantom = Material::Ogden {
+        mu_kpa: 12.72,
+        alpha: -1.0,
+    };
+    let fit = Fit::new(&samples(phantom, Compression::UEng, 0.8), Compression::UEng).expect("a fit");
+    assert!(fit.models.iter().all(|model| model.r_squared > 0.99), "{fit:?}");
+    let stretch = |model| {
+        fit.partings
+            .iter()
+            .find(|parting| parting.model == model)
+            .map(|p| p.stretch)
+    };
+    let of_neo_hooke = stretch("neo-hookean").expect("it parts");
+    assert!(of_neo_hooke < 0.8, "{of_neo_hooke}");
+    for model in ["mooney-rivlin", "yeoh", "ogden"] {
+        assert!(stretch(model).unwrap_or(0.0) < of_neo_hooke, "{fit:?}");
+    }
+}
+
+#[test]
+fn data_that_say_nothing_are_refused() {
+    let sample = |stretch, stress_kpa| Sample { stretch, stress_kpa };
+    let fit = |samples: &[Sample]| Fit::new(samples, Compression::UEng).expect_err("refused");
+    let few = [
+        sample(1.0, 0.0),
+        sample(0.9, -1.0),
+        sample(0.9, -1.1),
+        sample(0.8, -2.0),
+    ];
+    assert_eq!(fit(&few), FitError::TooFew { found: 2 });
+    let bad = [sample(0.9, -1.0), sample(-0.8, -2.0), sample(0.7, -3.0)];
+    assert!(matches!(fit(&bad), FitError::Number { stretch: -0.8, .. }));
+    let positive = [sample(0.9, 1.0), sample(0.8, 2.0), sample(0.7, 3.0)];
+    assert!(matches!(fit(&positive), FitError::Sign { stretch: 0.7, .. }));
+}

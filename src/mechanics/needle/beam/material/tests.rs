@@ -1,0 +1,165 @@
+use super::*;
+
+const MATERIALS: [Material; 6] = [
+    Material::Ogden {
+        mu_kpa: 12.72,
+        alpha: -1.0,
+    },
+    Material::Ogden {
+        mu_kpa: 3.63,
+        alpha: 8.74,
+    },
+    Material::Ogden {
+        mu_kpa: 5.0,
+        alpha: -20.0,
+    },
+    Material::NeoHookean { mu_kpa: 7.0 },
+    Material::MooneyRivlin {
+        c10_kpa: 2.0,
+        c01_kpa: 1.5,
+    },
+    Material::Yeoh {
+        c10_kpa: 3.0,
+        c20_kpa: 0.8,
+    },
+];
+
+/// Stress from the energy itself, by differences along the path that the constraint leaves.
+#[test]
+fn stress_is_the_slope_of_the_energy() {
+    for material in MATERIALS {
+        for compression in Compression::ALL {
+            let energy = |l: f64| {
+                let stretches = match compression {
+                    Compression::CTru => [1.0, l, 1.0 / l],
+                    _ => [l.powf(-0.5), l, l.powf(-0.5)],
+                };
+                let sum = |power: f64| stretches.iter().map(|x| x.powf(power)).sum::<f64>() - 3.0;
+                match material {
+                    Material::Ogden { mu_kpa, alpha } => 2.0 * mu_kpa / (alpha * alpha) * sum(alpha),
+                    Material::NeoHookean { mu_kpa } => mu_kpa / 2.0 * sum(2.0),
+                    // I2 of incompressible tissue is the sum of inverse squares.
+                    Material::MooneyRivlin { c10_kpa, c01_kpa } => c10_kpa * sum(2.0) + c01_kpa * sum(-2.0),
+                    Material::Yeoh { c10_kpa, c20_kpa } => c10_kpa * sum(2.0) + c20_kpa * sum(2.0).powi(2),
+                }
+            };
+            let law = Law::new(&material, compression);
+            for ratio in [0.45, 0.8, 0.97, 1.2] {
+                let step = 1e-5 * ratio;
+                let engineering = (energy(ratio + step) - energy(ratio - step)) / (2.0 * step);
+                let expected = match compression {
+                    Compression::UEng => engineering,
+                    _ => engineering * ratio,
+                };
+                // Differences of second order: (step^2/6) W''' is 1e-10 of W' / ratio^2 times a few powers of alpha.
+                let found = law.at(ratio).stress_kpa;
+                let near = 1e-6 * expected.abs();
+                assert!(
+                    (found - expected).abs() < near,
+                    "{material:?} {compression:?} {ratio}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn moduli_are_the_slopes_of_stress() {
+    for material in MATERIALS {
+        for compression in Compression::ALL {
+            let law = Law::new(&material, compression);
+            for ratio in [0.3, 0.6, 0.9, 1.0] {
+                let step = 1e-5 * ratio;
+                let [more, less] = [law.at(ratio + step), law.at(ratio - step)];
+                let here = law.at(ratio);
+                let of = |part: fn(&Response) -> f64| (part(&more) - part(&less)) / (2.0 * step);
+                // As above; rounding of differences adds 1e-11 of the largest term, which may cancel in the sum.
+                for (found, expected) in [
+                    (here.tangent_kpa, of(|r| r.stress_kpa)),
+                    (here.rate_kpa, of(|r| r.tangent_kpa)),
+                ] {
+                    let near = 1e-6 * found.abs() + 1e-7 * here.tangent_kpa.abs();
+                    assert!(
+                        (found - expected).abs() < near,
+                        "{material:?} {compression:?} {ratio}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// At rest 3 mu, or 4 mu where tissue cannot widen along the needle, whatever the material.
+#[test]
+fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
+    for material in MATERIALS {
+        let mu = match material {
+            Material::Ogden { mu_kpa, .. } | Material::NeoHookean { mu_kpa } => mu_kpa,
+            Material::MooneyRivlin { c10_kpa, c01_kpa } => 2.0 * (c10_kpa + c01_kpa),
+            Material::Yeoh { c10_kpa, .. } => 2.0 * c10_kpa,
+        };
+        for (compression, times) in Compression::ALL.into_iter().zip([3.0, 3.0, 4.0]) {
+            let at_rest = Law::new(&material, compression).at(1.0);
+            assert!(at_rest.stress_kpa.abs() < 1e-13 * mu, "{material:?}");
+            assert!(
+                (at_rest.tangent_kpa - times * mu).abs() < 1e-13 * 100.0 * mu,
+                "{material:?} {compression:?}"
+            );
+        }
+    }
+}
+
+/// The law as the paper's section III-A and the moduli at rest give it.
+#[test]
+fn ogden_is_as_published() {
+    let (mu, alpha, l) = (3.63, 8.74, 0.7f64);
+    let material = Material::Ogden { mu_kpa: mu, alpha };
+    let expected = [
+        2.0 * mu / alpha * (l.powf(alpha - 1.0) - l.powf(-alpha / 2.0 - 1.0)),
+        2.0 * mu / alpha * (l.powf(alpha) - l.powf(-alpha / 2.0)),
+        2.0 * mu / alpha * (l.powf(alpha) - l.powf(-alpha)),
+    ];
+    for (compression, expected) in Compression::ALL.into_iter().zip(expected) {
+        let found = Law::new(&material, compression).at(l).stress_kpa;
+        assert!((found - expected).abs() < 1e-13 * expected.abs(), "{compression:?}");
+    }
+}
+
+#[test]
+fn numbers_out_of_range_are_refused_by_name() {
+    for (material, key) in [
+        (
+            Material::Ogden {
+                mu_kpa: -1.0,
+                alpha: 2.0,
+            },
+            "mu_kpa",
+        ),
+        (
+            Material::Ogden {
+                mu_kpa: 1.0,
+                alpha: 0.0,
+            },
+            "alpha",
+        ),
+        (
+            Material::MooneyRivlin {
+                c10_kpa: 1.0,
+                c01_kpa: -1.5,
+            },
+            "c01_kpa",
+        ),
+        (
+            Material::Yeoh {
+                c10_kpa: 1.0,
+                c20_kpa: f64::NAN,
+            },
+            "c20_kpa",
+        ),
+    ] {
+        assert_eq!(material.check().unwrap_err().key, key);
+    }
+    MATERIALS
+        .iter()
+        .for_each(|material| material.check().expect("a material"));
+}
