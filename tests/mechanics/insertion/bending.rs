@@ -90,15 +90,18 @@ fn a_beam_and_springs_of_the_same_stiffness_go_the_same_way() {
     };
     let beam = |element_mm| {
         let beam = Cantilever::new(shaft, Stiffness::default(), element_mm, Some(bevel)).expect("a needle");
-        let (tip, unsettled) = insert_needle(Box::new(beam), 0.0, 55.0);
-        assert_eq!(unsettled, 0);
-        tip
+        insert_needle(Box::new(beam), 0.0, 55.0)
     };
     let (chain, _) = insert(0.8, Stiffness::default(), 0.0, 55.0);
-    let [coarse, fine] = [10.0, 2.5].map(beam);
-    println!("{chain:?} {coarse:?} {fine:?}");
-    assert!((coarse - chain).norm() < 0.02 * chain.norm(), "{coarse:?} {chain:?}");
-    assert!((coarse - fine).norm() < 0.02 * chain.norm(), "{coarse:?} {fine:?}");
+    for element in [10.0, 2.5] {
+        let (tip, unsettled) = beam(element);
+        assert!(
+            (tip - chain).norm() < 0.01 * chain.norm(),
+            "{element}: {tip:?} {chain:?}"
+        );
+        // One step in a hundred may not settle, as of springs in other tissue.
+        assert!(unsettled <= 2, "{element}: {unsettled}");
+    }
 }
 
 /// A needle a thousand times stiffer is a rigid one; a thousand times softer, the tissue holds it and it says what it cannot do.
