@@ -48,7 +48,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
                     Some(apart(&rough, &smooth)),
                     com,
                 ];
-                let choices = vec![tissue.name.to_owned(), format!("{slope}"), format!("{friction}")];
+                let choices = vec![tissue.name.to_owned(), format!("slope {slope}"), format!("{friction}")];
                 table.push(choices, values, None);
             }
         }
