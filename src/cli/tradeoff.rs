@@ -37,6 +37,7 @@ impl Tradeoff {
             Study::Beam(beam) => beam.run(),
             Study::Remesh(remesh) => remesh.run(),
             Study::History(history) => history.run(),
+            Study::Tissue(tissue) => tissue.run(),
         }
     }
 }
@@ -84,7 +85,6 @@ impl Printed {
             terminal::emit_json(&study.json())
         } else {
             terminal::emit(&study.text())
-            Study::Tissue(tissue) => tissue.run(),
         }
     }
 }

@@ -16,7 +16,7 @@ time_s = [0, 1, 2.5]
 value = [0.5, 0.5, -0.5]
 ";
 
-fn run(text: &str) -> Result<Report, CaseError> {
+fn run(text: &str) -> Result<Report, MaterialCaseError> {
     CaseFile::parse(text, "c.toml")?.resolve()?.run()
 }
 

@@ -57,13 +57,6 @@ mod tests {
     #[test]
     fn the_two_ways_to_a_sine_meet() {
         for k in [0.0, 1e-3, 0.1, 0.5, 0.9, 0.999, 1.0] {
-            for (w, t) in [(1.0, 0.3_f64), (2.0, 1.0), (3.0, 2.0), (0.01, 100.0)] {
-                let term = |m: i32| {
-                    let n = 2.0 * f64::from(m) + 1.0;
-                    f64::powi(-1.0, m) * f64::powf(w, n) * f64::powf(t, n + k) / tgamma(n + 1.0 + k)
-                };
-                let series: f64 = (0..30).map(term).sum();
-                let found = of_sine(k, w, t);
             // The series loses e^x to rounding.
             for (w, t) in [(4.0, 0.3), (2.0, 1.0), (3.0, 2.0), (0.05, 100.0)] {
                 let (series, found) = (sine_series(k, w, t), of_sine(k, w, t));

@@ -17,7 +17,6 @@
 
 pub mod case;
 mod contact;
-pub mod case;
 mod memory;
 pub mod record;
 mod remeshing;
@@ -33,8 +32,7 @@ pub use report::{CaseReport, Report};
 use super::machine::Machine;
 
 /// Every group, in the order in which it is shown.
-pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, contact::GROUP];
-pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, memory::GROUP];
+pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, contact::GROUP, memory::GROUP];
 
 /// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
 pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {

@@ -30,6 +30,9 @@ fn remeshing_and_constraints_hold() {
 #[test]
 fn contact_needle_and_time_hold() {
     check("Contact, needle, time");
+}
+
+#[test]
 fn fading_memory_holds() {
     check("Fading memory");
 }
@@ -42,7 +45,7 @@ fn every_group_is_tested() {
         [
             "Elements, solvers, inverse",
             "Remeshing and constraints",
-            "Contact, needle, time"
+            "Contact, needle, time",
             "Fading memory"
         ],
         "a test for each, please"

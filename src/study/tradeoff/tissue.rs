@@ -284,6 +284,7 @@ fn finish(options: &TissueOptions, subject: &Subject, tables: Vec<Table>) -> Stu
         marker: vec!["steps"],
         only: Vec::new(),
         joined: false,
+        marked: true,
         front: false,
     };
     Study {

@@ -218,6 +218,9 @@ mod tests {
     fn a_steel_needle_is_as_stiff_as_its_paper_says() {
         // 200 GPa, 1 mm: 200e3 N/mm^2 times pi/64 mm^4.
         assert!((bending_stiffness_nmm2(200.0, 1.0) - 9817.477).abs() < 1e-3);
-        assert_eq!(bending_stiffness_nmm2(100.0, 2.0), 8.0 * bending_stiffness_nmm2(200.0, 1.0));
+        assert_eq!(
+            bending_stiffness_nmm2(100.0, 2.0),
+            8.0 * bending_stiffness_nmm2(200.0, 1.0)
+        );
     }
 }
