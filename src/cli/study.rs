@@ -1,32 +1,56 @@
-//! Studies as commands show them.
+//! What commands do with a study that they have made: text or JSON to standard output, files into a folder.
 
-use std::path::Path;
+use std::path::PathBuf;
 
+use clap::Args;
 use insonify::study::tradeoff::Study;
 
 use super::failure::Failure;
 use super::terminal;
 
-/// Makes the folder that files of a study go to, before long work is done for them.
-pub fn prepare(folder: Option<&Path>) -> Result<(), Failure> {
-    let Some(folder) = folder else { return Ok(()) };
-    std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-        path: folder.to_owned(),
-        cause,
-    })
+/// Where a study goes to.
+#[derive(Args)]
+pub struct Printed {
+    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object to standard output
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
 }
 
-/// Writes the files of a study, where asked for, and prints it as text or JSON.
-pub fn show(study: &Study, folder: Option<&Path>, json: bool, quiet: bool) -> Result<(), Failure> {
-    if let Some(folder) = folder {
-        let files = study.write(folder)?;
-        if !quiet {
-            terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+/// Is told what a study does, and the share that is done.
+pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
+
+impl Printed {
+    /// Makes the folder, shows how far `study` is, writes and prints what it found.
+    pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
+        if let Some(folder) = &self.output {
+            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+                path: folder.clone(),
+                cause,
+            })?;
         }
-    }
-    if json {
-        terminal::emit_json(&study.json())
-    } else {
-        terminal::emit(&study.text())
+        let bar = terminal::share(self.quiet);
+        let study = study(&mut |what, share| {
+            bar.set_message(what.to_owned());
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let study = study?;
+        if let Some(folder) = &self.output {
+            let files = study.write(folder)?;
+            if !self.quiet {
+                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+            }
+        }
+        if self.json {
+            terminal::emit_json(&study.json())
+        } else {
+            terminal::emit(&study.text())
+        }
     }
 }

@@ -1,12 +1,10 @@
 //! `insonify tradeoff history`: rules of fading memory.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use insonify::study::tradeoff::history::{HistoryOptions, study};
 
 use crate::cli::failure::Failure;
-use crate::cli::terminal;
+use crate::cli::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -30,43 +28,16 @@ pub struct History {
     /// Short histories
     #[arg(long)]
     quick: bool,
-    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
-    #[arg(short, long, value_name = "DIR")]
-    output: Option<PathBuf>,
-    /// Print one JSON object to standard output
-    #[arg(long)]
-    json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    printed: Printed,
 }
 
 impl History {
     pub fn run(&self) -> Result<(), Failure> {
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
-        }
-        let bar = terminal::share(self.quiet);
-        let study = study(&self.options(), &mut |what, share| {
-            bar.set_message(what.to_owned());
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let study = study.map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))?;
-        if let Some(folder) = &self.output {
-            let files = study.write(folder)?;
-            if !self.quiet {
-                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
-            }
-        }
-        if self.json {
-            terminal::emit_json(&study.json())
-        } else {
-            terminal::emit(&study.text())
-        }
+        let options = self.options();
+        self.printed.run(|progress| {
+            study(&options, progress).map_err(|error| Failure::usage(error.to_string(), "ask for another --order"))
+        })
     }
 
     fn options(&self) -> HistoryOptions {

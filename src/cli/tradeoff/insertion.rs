@@ -3,8 +3,8 @@
 use clap::{Args, ValueEnum};
 use insonify::study::tradeoff::insertion::{InsertionOptions, Part, study};
 
-use super::Printed;
 use crate::cli::failure::Failure;
+use crate::cli::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -10,9 +10,9 @@ use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
 use insonify::study::tradeoff::remesh::subject::generated;
 use insonify::study::tradeoff::remesh::{RemeshOptions, study};
 
-use super::Printed;
 use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
+use crate::cli::study::Printed;
 use crate::cli::terminal;
 
 const EXAMPLES: &str = "\

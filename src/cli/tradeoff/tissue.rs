@@ -1,12 +1,10 @@
 //! `insonify tradeoff tissue`: schemes and models of tissue that stiffens and creeps.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use insonify::study::tradeoff::tissue::{TissueOptions, study};
 
 use crate::cli::failure::Failure;
-use crate::cli::terminal;
+use crate::cli::study::Printed;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -44,15 +42,8 @@ pub struct Tissue {
     /// A small block and few steps
     #[arg(long)]
     quick: bool,
-    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
-    #[arg(short, long, value_name = "DIR")]
-    output: Option<PathBuf>,
-    /// Print one JSON object to standard output
-    #[arg(long)]
-    json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    printed: Printed,
 }
 
 const QUICK_NODES: u32 = 300;
@@ -78,29 +69,6 @@ impl Tissue {
             order: self.order,
             ..default
         };
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
-        }
-        let bar = terminal::share(self.quiet);
-        let study = study(&options, &mut |what, share| {
-            bar.set_message(what.to_owned());
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let study = study?;
-        if let Some(folder) = &self.output {
-            let files = study.write(folder)?;
-            if !self.quiet {
-                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
-            }
-        }
-        if self.json {
-            terminal::emit_json(&study.json())
-        } else {
-            terminal::emit(&study.text())
-        }
+        self.printed.run(|progress| Ok(study(&options, progress)?))
     }
 }
