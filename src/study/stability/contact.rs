@@ -1,6 +1,7 @@
 //! Contact, needle, time.
 
 mod belt;
+mod bent;
 mod bone;
 mod cycles;
 mod large;
@@ -43,6 +44,13 @@ pub const GROUP: Group = Group {
             covers: &["finite elements"],
             seed: 64,
             run: stiffness::contrasts,
+        },
+        Case {
+            name: "a needle bent by 60 degrees",
+            criterion: "converged or reported, finite, back at rest when it is out",
+            covers: &["finite elements"],
+            seed: 65,
+            run: bent::far,
         },
         Case {
             name: "base moved 50 mm in a step",
