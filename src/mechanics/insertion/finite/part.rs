@@ -16,8 +16,6 @@ const FARTHEST_MM: f64 = 5.0;
 const MOST_UNSETTLED: usize = 3;
 /// The least share of the way to a solution that an iteration goes.
 const LEAST_SHARE: f64 = 1e-3;
-/// Iterations each of which moves less than this of the one before are taken to go on so.
-const STEADY_RATE: f64 = 0.1;
 /// What still moves by more when its iterations end is given up, mm.
 const LOST_MM: f64 = 0.1;
 /// Halves of a way that does not settle are halved again while they are longer, mm,
@@ -154,7 +152,7 @@ impl Finite {
         self.keep();
         self.carry_line(base);
         let mut holds = true;
-        let (mut change, mut moved) = (f64::INFINITY, f64::INFINITY);
+        let mut change = f64::INFINITY;
         let mut unsettled = 0;
         for iteration in 0..self.options.most_iterations {
             self.outcome.iterations += 1;
@@ -194,12 +192,6 @@ impl Finite {
             unsettled = if solved.settled { 0 } else { unsettled + 1 };
             if unsettled > 0 {
                 change = f64::INFINITY;
-            }
-            // What all further iterations would add, as whole ones shrink.
-            let last = std::mem::replace(&mut moved, if share < 1.0 { f64::INFINITY } else { change });
-            let rate = change / last;
-            if last.is_finite() && rate < STEADY_RATE {
-                change *= rate / (1.0 - rate);
             }
             if change <= self.options.tolerance_mm || unsettled == MOST_UNSETTLED {
                 break;
