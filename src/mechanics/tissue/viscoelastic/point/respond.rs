@@ -162,7 +162,13 @@ impl Point {
             change: None,
             iterations: 0,
         };
-        let start = self.balance(&self.body.at_start(), *control, value[0], &mut response.iterations);
+        let line = self.body.at_start();
+        let start = self.balance(&line, *control, value[0], &mut response.iterations);
+        // A spring-pot cannot jump: its stress is infinite then. All else is too large for numbers.
+        let jumps = line.slope > 0.0;
+        if !start.reduced_strain.is_finite() || jumps && !start.reduced_stress.is_finite() {
+            return Err(PointError::Overflow { time_s: time_s[0] });
+        }
         response.push(&start, time_s[0])?;
         let mut memory = Memory::start(&self.body, rule, *control, start.reduced_strain, start.reduced_stress)?;
         for at in 1..time_s.len() {

@@ -120,6 +120,17 @@ fn histories_are_checked() {
     };
     let huge = stiff.respond(&loading(Control::Strain, &[0.0, 1.0], &[0.0, 1e10]), Method::Trapezoid);
     assert!(matches!(huge, Err(PointError::Overflow { .. })), "{huge:?}");
+    // The same at the start, where only a spring-pot may have an infinite stress.
+    let body = zener(0.5);
+    for structure in [Structure::Rate, Structure::LoadIntegral] {
+        let point = Point {
+            body,
+            structure,
+            ..LIVER
+        };
+        let huge = point.respond(&loading(Control::Strain, &[0.0, 1.0], &[1e300, 0.0]), Method::Trapezoid);
+        assert!(matches!(huge, Err(PointError::Overflow { .. })), "{huge:?}");
+    }
 }
 
 #[test]
