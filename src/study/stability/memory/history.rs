@@ -2,7 +2,7 @@
 
 use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
 use crate::study::fractional::{of_power, of_sine};
-use crate::study::stability::record::{Record, Unexpected};
+use crate::study::stability::record::{Record, Unexpected, largest};
 
 const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
 const FULL: [(&str, Rule); 3] = [
@@ -28,7 +28,7 @@ fn exponentials(shortest_s: f64, longest_s: f64) -> (&'static str, Rule) {
 fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -> Result<f64, HistoryError> {
     let (_, value, exact) = load;
     let mut history = rule.start(Operator::Integral(k), &[value(0.0)])?;
-    let (mut t, mut worst, mut largest) = (0.0, 0.0f64, 0.0f64);
+    let (mut t, mut worst, mut scale) = (0.0, 0.0f64, 0.0f64);
     let mut asked = asked.iter().peekable();
     for (at, step) in steps.iter().enumerate() {
         t += step;
@@ -36,15 +36,12 @@ fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -
             let mut past = [0.0];
             let found = history.predict(*step, &mut past)? * value(t) + past[0];
             let exact = exact(k, t);
-            // NaN must not be lost.
-            if !((found - exact).abs() <= worst) {
-                worst = (found - exact).abs();
-            }
-            largest = largest.max(exact.abs());
+            worst = largest([worst, found - exact]);
+            scale = scale.max(exact.abs());
         }
         history.commit(*step, &[value(t)])?;
     }
-    Ok(worst / largest)
+    Ok(worst / scale)
 }
 
 /// Steps asked about: eight in the last three quarters.
@@ -73,7 +70,7 @@ pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut worst = 0.0f64;
             for k in ORDERS {
                 let error = error(&rule, k, &steps, &asked(count), load)?;
-                worst = if error.is_nan() { error } else { worst.max(error) };
+                worst = largest([worst, error]);
             }
             record.under(format!("{name}, {}: error", load.0), worst, limit);
         }
@@ -105,7 +102,7 @@ pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let asked: Vec<usize> = (1..=8).map(|at| count - (8 - at) * count / 9).collect();
                 for asked in &asked {
                     let error = error(&rule, k, &steps[..*asked], &[*asked], load)?;
-                    worst = if error.is_nan() { error } else { worst.max(error) };
+                    worst = largest([worst, error]);
                 }
             }
             record.under(format!("{name}, {}: error", load.0), worst, 1e-6);
@@ -132,7 +129,7 @@ pub fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut worst = 0.0f64;
             for k in ORDERS {
                 let error = error(&history, k, &steps, &asked, &load)?;
-                worst = if error.is_nan() { error } else { worst.max(error) };
+                worst = largest([worst, error]);
             }
             record.under(format!("{name}, {rule}: error"), worst, 1e-9);
         }
@@ -141,14 +138,14 @@ pub fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// The largest magnitude of what is made of +1 and -1 in turn.
-fn largest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f64, HistoryError> {
+fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f64, HistoryError> {
     let mut history = rule.start(operator, &[1.0])?;
     let mut worst = 0.0f64;
     for at in 1..=count {
         let value = if at % 2 == 0 { 1.0 } else { -1.0 };
         let mut past = [0.0];
         let found = (history.predict(step, &mut past)? * value + past[0]).abs();
-        worst = if found.is_nan() { found } else { worst.max(found) };
+        worst = largest([worst, found]);
         history.commit(step, &[value])?;
     }
     Ok(worst)
@@ -168,8 +165,14 @@ pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
         };
         let (mut integral, mut derivative) = (0.0f64, 0.0f64);
         for k in ORDERS {
-            integral = integral.max(largest(&rule, Operator::Integral(k), step, count)? / step.powf(k));
-            derivative = derivative.max(largest(&rule, Operator::Derivative(k), step, count)? * step.powf(k));
+            integral = largest([
+                integral,
+                highest(&rule, Operator::Integral(k), step, count)? / step.powf(k),
+            ]);
+            derivative = largest([
+                derivative,
+                highest(&rule, Operator::Derivative(k), step, count)? * step.powf(k),
+            ]);
         }
         // The newest value weighs h^k / Gamma(1 + k), and Gamma(1 + k) is at least 0.8856.
         record.under(format!("{name}: integral over h^k"), integral, 1.13);
