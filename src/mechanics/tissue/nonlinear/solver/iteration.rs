@@ -1,0 +1,135 @@
+//! One change of the displacements, and how far from balance it leaves them.
+
+use super::super::error::NonlinearError;
+use super::super::tangent::Kind;
+use super::{Contact, Progress, Solver, State, Target};
+
+impl<const D: usize, const N: usize> Solver<D, N> {
+    /// A change of the displacements, and at its end of the contact force, by the factor at hand: what is prescribed and the contact
+    /// arrive where they shall.
+    pub(super) fn propose(&mut self, target: &Target<'_>, kind: Kind) -> Result<(), NonlinearError> {
+        self.progress.iterations += 1;
+        self.change.fill(0.0);
+        for (&dof, value) in self.supports.prescribed().iter().zip(target.prescribed) {
+            self.change[dof as usize] = value - self.state.displacement[dof as usize];
+        }
+        // A Krylov solve need not be closer than Newton's error, which is squared by this iteration.
+        let closeness = self.progress.residual().clamp(1e-10, 1e-3);
+        let (body, supports) = (&*self.body, &self.supports);
+        let responses = &self.state.responses;
+        if self.change.iter().any(|change| *change != 0.0) {
+            self.linear.subtract(
+                body,
+                supports,
+                responses,
+                kind,
+                &self.change[..supports.all()],
+                &mut self.rest,
+            );
+        }
+        self.linear
+            .solve(body, supports, responses, kind, closeness, &mut self.rest);
+        for (&dof, value) in supports.free().iter().zip(&self.rest) {
+            self.change[dof as usize] = *value;
+        }
+        let all = supports.all();
+        if let Some(contact) = target.contact {
+            let way = self.linear.way(body, supports, responses, kind, closeness, contact);
+            let compliance = contact.along_free(supports, way);
+            if compliance.is_nan() || compliance <= 0.0 {
+                return Err(NonlinearError::DeadContact);
+            }
+            let gap = contact.place_mm - contact.along(&self.state.displacement) - contact.along(&self.change);
+            let force = gap / compliance;
+            for (&dof, way) in supports.free().iter().zip(way) {
+                self.change[dof as usize] += force * way;
+            }
+            self.change[all] = force;
+        }
+        Ok(())
+    }
+
+    /// Makes the change proposed.
+    pub(super) fn change(&mut self, target: &Target<'_>) {
+        let State {
+            displacement, contact, ..
+        } = &mut self.state;
+        let unknowns = displacement.iter_mut().chain([contact]);
+        unknowns.zip(&self.change).for_each(|(value, change)| *value += change);
+        self.respond(target);
+    }
+
+    pub(super) fn respond(&mut self, target: &Target<'_>) {
+        let offset = target.offset.map(|_| &*self.offset);
+        let State {
+            displacement,
+            forces,
+            responses,
+            ..
+        } = &mut self.state;
+        self.body.respond(displacement, offset, forces, responses);
+    }
+
+    pub(super) fn factor(&mut self, kind: Kind) -> Result<(), NonlinearError> {
+        self.progress.factorisations += 1;
+        self.linear.factor(&self.body, &self.state.responses, kind)
+    }
+
+    /// Writes the free forces out of balance into `rest`; how large they are, relative to the largest force so far. A body that is
+    /// let go has no forces but rounding to compare with.
+    pub(super) fn residual(&mut self, target: &Target<'_>) -> f64 {
+        let largest = |all: &[f64]| {
+            all.iter().fold(0.0, |a: f64, x| {
+                if a.is_nan() || x.is_nan() {
+                    f64::NAN
+                } else {
+                    a.max(x.abs())
+                }
+            })
+        };
+        for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
+            *rest = target.loads[dof as usize] - self.state.forces[dof as usize];
+        }
+        if let Some(contact) = target.contact {
+            contact.add_free(self.state.contact, &self.supports, &mut self.rest);
+        }
+        let left = largest(&self.rest);
+        if left == 0.0 {
+            return 0.0;
+        }
+        left / self.peak.max(largest(&self.state.forces)).max(largest(target.loads))
+    }
+
+    /// Whether something prescribed is not yet where it shall be.
+    pub(super) fn pending(&self, target: &Target<'_>) -> bool {
+        let displacement = &self.state.displacement;
+        let mut prescribed = self.supports.prescribed().iter().zip(target.prescribed);
+        let away = |contact: &Contact| {
+            let place = contact.along(displacement);
+            (place - contact.place_mm).abs() > 1e-12 * (place.abs() + contact.place_mm.abs())
+        };
+        prescribed.any(|(&dof, value)| displacement[dof as usize] != *value) || target.contact.is_some_and(away)
+    }
+
+    pub(super) fn more(&self, residual: f64) -> Result<(), NonlinearError> {
+        let Progress { iterations, .. } = self.progress;
+        if iterations < self.options.iterations {
+            return Ok(());
+        }
+        Err(NonlinearError::NotConverged {
+            iterations,
+            residual,
+            tolerance: self.options.tolerance,
+        })
+    }
+
+    pub(super) fn finite(&self, residual: f64) -> Result<(), NonlinearError> {
+        if residual.is_finite() && self.state.displacement.iter().all(|u| u.is_finite()) {
+            Ok(())
+        } else {
+            Err(NonlinearError::Overflow {
+                iterations: self.progress.iterations,
+            })
+        }
+    }
+}
