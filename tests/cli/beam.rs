@@ -142,7 +142,7 @@ fn bad_cases_are_refused_with_their_line() {
         (
             "displacement_mm = 15.0\nslope = -0.4",
             "displacement_mm = 1e5",
-            14,
+            15,
             "compressed to nothing",
         ),
     ] {
