@@ -131,6 +131,12 @@ fn through_and_through() {
     inward.iter().for_each(assert_finite);
     let last = inward.last().expect("steps");
     assert!(last.inserted_mm > 40.0 && last.contacts >= 2);
+    // Only the shaft within the 30 mm of tissue, which it drags along a little, rubs.
+    let [near, far] = [inward.len() - 60, inward.len() - 1].map(|at| resistance(&inward[at]));
+    assert!(
+        (far - near).abs() < 0.02 * far && (far / 0.6 - 1.0).abs() < 0.15,
+        "{near} {far}"
+    );
     let out = travel(&mut finite, 60.0, -20.0, 0.25);
     out.iter().for_each(assert_finite);
     assert_eq!(finite.held(), 0);

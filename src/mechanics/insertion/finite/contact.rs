@@ -39,6 +39,11 @@ impl Contact {
         }
     }
 
+    /// Length of the path in front, mm.
+    pub fn laid(&self) -> f64 {
+        self.layers.iter().map(|layer| layer.length).sum()
+    }
+
     /// The tip has come back: no more than `length` (mm) of the path is in front.
     pub fn shorten(&mut self, length: f64) {
         let mut left = length.max(0.0);

@@ -24,7 +24,7 @@ impl Interactions {
 
     /// Friction of a contact's length of shaft: sliding, and held.
     fn friction(&self, contact: &Contact, length: f64) -> [f64; 2] {
-        let path: f64 = contact.layers.iter().map(|layer| layer.length).sum();
+        let path = contact.laid();
         let mean = |density: &dyn Fn(Interaction) -> f64| {
             if path > 0.0 {
                 let sum: f64 = contact

@@ -71,9 +71,10 @@ impl Finite {
             (false, None) => None,
         };
         let Some(place) = found else {
-            (self.tip.row, self.tip.at_node) = (None, false);
+            (self.tip.row, self.tip.at_node, self.tip.outside) = (None, false, true);
             return false;
         };
+        self.tip.outside = false;
         let region = self.mesh.regions()[place.element as usize];
         let before = self.tip.region();
         self.tip.reference = self.adaptation.mesh().point(place.element, place.bary).into();
@@ -100,7 +101,7 @@ impl Finite {
         let length = self.line.length_mm();
         let Some(last) = self.contacts.last_mut() else { return };
         let ahead = length - last.arc;
-        let laid: f64 = last.layers.iter().map(|layer| layer.length).sum();
+        let laid = last.laid();
         if ahead > laid {
             last.lengthen(region, ahead - laid)
         } else {

@@ -19,6 +19,8 @@ const AT_NODE: f64 = 0.999;
 pub(super) struct Tip {
     /// The effective base: where the hand has it, or behind, with the tip at bone.
     pub base: Option<Isometry3<f64>>,
+    /// Whether it has come out of the tissue on another side.
+    pub outside: bool,
     /// The element it is in, and its region.
     pub element: Option<(u32, i32)>,
     /// In the reference state, mm.
@@ -105,8 +107,10 @@ impl Finite {
     /// Sets the bounds of all sliders.
     pub(super) fn bound(&mut self) {
         let (region, surface) = (self.tip.region(), self.tip.surface);
-        self.interactions
-            .bound(&mut self.contacts, self.line.length_mm(), region);
+        // Shaft that has come out on another side does not rub.
+        let last = self.contacts.last().filter(|_| self.tip.outside);
+        let end = last.map_or(self.line.length_mm(), |last| last.arc + last.laid());
+        self.interactions.bound(&mut self.contacts, end, region);
         let cutting = self.interactions.cutting(region, surface);
         match (&mut self.tip.row, self.contacts.last_mut()) {
             (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting[0], 0.0], [cutting[1], 0.0]),
