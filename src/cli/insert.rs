@@ -156,10 +156,10 @@ impl Insert {
         let name = path.to_str().unwrap_or_default();
         let ready = scenario::EXAMPLES
             .iter()
-            .find(|(known, _)| *known == name && !path.exists());
+            .find(|(known, _)| *known == name && !path.is_file());
         let file = match ready {
             Some((name, text)) => ScenarioFile::parse(text, name)?,
-            None if path.extension().is_none() && !path.exists() => {
+            None if path.extension().is_none() && !path.is_file() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let found = format!("{name}: neither a file nor a scenario that comes with the program");
                 return Err(Failure::usage(
