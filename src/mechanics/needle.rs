@@ -67,7 +67,7 @@ pub trait Needle: Send + Debug {
     /// Radius of the shaft, mm.
     fn radius_mm(&self) -> f64;
 
-    /// Whether forces bend it. Of one that does not, [`flexibility`](Self::flexibility) is zero.
+    /// Whether forces bend it. One that they do not bend does not yield when it is [linearised](Self::linearise).
     fn is_flexible(&self) -> bool;
 
     /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of the call
