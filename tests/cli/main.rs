@@ -16,4 +16,5 @@ mod reports;
 mod solve;
 mod stability;
 mod support;
+mod tissue;
 mod tradeoff;

@@ -3,6 +3,7 @@
 
 mod contact;
 mod fetch;
+mod forces;
 mod friction;
 mod imager;
 mod joint;
@@ -13,6 +14,7 @@ mod place;
 mod press;
 mod reduced;
 mod saved;
+mod settle;
 mod setup;
 mod slider;
 #[cfg(test)]

@@ -1,0 +1,50 @@
+//! What `insonify puncture` and `insonify tradeoff tissue` print and refuse.
+
+use serde_json::Value;
+
+use crate::support::Bench;
+
+/// The force rises ever faster and drops where capsule and vein give way; the same goes into the files.
+#[test]
+fn a_puncture_is_told_and_written() {
+    let bench = Bench::new();
+    let json = bench.run("puncture --step-mm 1 --quiet --json -o out").json();
+    let rows = json["rows"].as_array().expect("rows");
+    let force = |at: usize| rows[at]["force_n"].as_f64().expect("a force");
+    let punctured: Vec<usize> = (0..rows.len()).filter(|at| !rows[*at]["punctured"].is_null()).collect();
+    assert!(punctured.len() >= 2, "{json}");
+    for at in &punctured[..2] {
+        assert!(force(at + 1) < 0.7 * force(*at), "{at}: {json}");
+    }
+    assert!(force(punctured[0]) > 2.2 * force(punctured[0] / 2), "{json}");
+    let files = bench.files("out");
+    for name in ["force.csv", "force.svg"] {
+        assert!(files.iter().any(|file| file == name), "{files:?}");
+    }
+}
+
+#[test]
+fn schemes_are_measured_and_full_newton_is_exact() {
+    let json = Bench::new()
+        .run("tradeoff tissue --nodes 60 --steps 5 --quiet --json")
+        .json();
+    let schemes = json["tables"]["schemes"]["rows"].as_array().expect("rows");
+    let error = |scheme: &str| {
+        let of = |row: &&Value| row["scheme"] == scheme;
+        let row = schemes.iter().find(of).unwrap_or_else(|| panic!("no {scheme}: {json}"));
+        row["error"].as_f64().expect("an error")
+    };
+    assert!(error("full Newton") < 1e-12, "{json}");
+    assert!((1e-4..0.2).contains(&error("Euler (paper)")), "{json}");
+}
+
+#[test]
+fn numbers_out_of_range_end_with_2_and_their_names() {
+    for (command, name) in [
+        ("puncture --step-mm 0", "step_mm"),
+        ("puncture --speed -1", "speed_mm_per_s"),
+        ("tradeoff tissue --poisson 0.5 --quick", "poisson"),
+    ] {
+        Bench::new().run(command).fails(2, &[name]);
+    }
+}
