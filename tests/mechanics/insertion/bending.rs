@@ -186,3 +186,29 @@ fn a_needle_that_cannot_enter_bows_at_eulers_load() {
         "{through:?}"
     );
 }
+
+/// Steps that are given up leave nothing behind that does not belong together, also while nodes come off.
+#[test]
+fn steps_given_up_on_the_way_out_leave_no_loads() {
+    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), USUAL);
+    setup.needle = springs(0.6, Stiffness::default());
+    (setup.options.most_iterations, setup.options.part_mm) = (3, 20.0);
+    let mut finite = build(setup);
+    let (mut given_up, mut most) = (0, 0);
+    for cycle in 0..4 {
+        let back = 7.0 + 4.0 * f64::from(cycle);
+        for z in (0..=100)
+            .map(|step| 0.5 * f64::from(step))
+            .chain([50.0 - back, 50.0 - 2.0 * back, -5.0])
+        {
+            let outcome = go(&mut finite, z);
+            assert_finite(&outcome);
+            given_up += usize::from(!outcome.converged);
+            most = most.max(outcome.contacts);
+        }
+    }
+    assert!(given_up > 10 && most >= 4, "{given_up} {most}");
+    let outcome = go(&mut finite, -20.0);
+    assert_eq!((outcome.contacts, finite.held()), (0, 0));
+    assert_eq!(outcome.on_hand.force_n.norm(), 0.0);
+}

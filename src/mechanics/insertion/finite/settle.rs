@@ -38,6 +38,9 @@ impl Finite {
         let most = self.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
         let base = self.tip.held(base);
         self.settle_within(&base, most);
+        // Not before: an attempt that is taken back brings its loads back.
+        self.forget_faded();
+        self.carry();
     }
 
     fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
@@ -61,7 +64,6 @@ impl Finite {
                 self.put_back();
                 self.carry_line(base);
                 self.write_arcs();
-                self.carry();
             }
         }
     }
@@ -118,8 +120,6 @@ impl Finite {
                 break;
             }
         }
-        self.forget_faded();
-        self.carry();
         match change {
             _ if change <= self.options.tolerance_mm && holds => Found::Rest,
             _ if change <= LOST_MM => Found::Near,
