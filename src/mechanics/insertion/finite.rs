@@ -1,6 +1,7 @@
 //! Insertion into tissue of finite elements: contacts with stick and slip, remeshing at the tip, a probe that presses
 //! (haptic simulator paper, sections III to V).
 
+mod ahead;
 mod contact;
 mod fetch;
 mod forces;
@@ -31,11 +32,13 @@ use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::Adaptation;
+use ahead::Outlook;
 use contact::Contact;
 use friction::Interactions;
 use imager::FiniteImager;
 use joint::{Joint, Yielding};
 use nearby::Nearby;
+use part::advance;
 use press::Press;
 pub use setup::{InvalidSetup, Options, Setup};
 use slider::Slider;
@@ -80,6 +83,8 @@ pub struct Finite {
     carried: Vec<(usize, f64)>,
     /// Of the needle where forces act.
     yielding: Yielding,
+    /// For what the remesher was last told to expect a change.
+    outlook: Option<Outlook>,
     memory: Memory,
 }
 
@@ -183,6 +188,7 @@ impl Finite {
         {
             unreachable!("one force a contact");
         }
+        self.nearby.renew();
     }
 
     fn conclude(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
@@ -256,13 +262,17 @@ impl Model for Finite {
         let was_crushed = self.outcome.crushed > 0;
         self.outcome.begin();
         self.guide = instruments.guide;
+        let advance = self.base.map_or(0.0, |from| advance(&from, &instruments.base));
         self.travel(&instruments.base, instruments.probe.as_ref());
         if instruments.deposit {
             self.deposit();
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
-        if self.outcome.remeshes == 0 && self.adaptation.tend().is_some() {
-            self.version += 1;
+        if self.outcome.remeshes == 0 {
+            self.look_ahead(advance < 0.0);
+            if self.adaptation.tend().is_some() {
+                self.version += 1;
+            }
         }
         if self.outcome.crushed > 0 && !was_crushed {
             self.note(EventKind::Crushed, self.outcome.tip_mm, None);

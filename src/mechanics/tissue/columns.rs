@@ -4,7 +4,7 @@
 //! ever touched. Columns fetched ahead, along a needle's predicted path, are solved together, which is several times
 //! faster than one by one.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use faer::{Mat, MatMut};
@@ -23,7 +23,9 @@ const BLOCK: usize = 60;
 pub struct Columns {
     factor: Arc<Factor>,
     capacity: usize,
-    kept: HashMap<usize, Column>,
+    /// By degree of freedom; none of those that are not kept.
+    columns: Vec<Option<Column>>,
+    kept: usize,
     /// Counts uses.
     clock: u64,
     solved: usize,
@@ -39,9 +41,10 @@ impl Columns {
     /// No column yet, and at most `capacity` (at least 1) kept. Each takes 8 bytes a degree of freedom.
     pub fn new(factor: Arc<Factor>, capacity: usize) -> Self {
         Self {
+            columns: vec![None; factor.size()],
             factor,
             capacity: capacity.max(1),
-            kept: HashMap::new(),
+            kept: 0,
             clock: 0,
             solved: 0,
         }
@@ -49,8 +52,9 @@ impl Columns {
 
     /// Takes another factor of as many or other degrees of freedom and forgets all columns.
     pub fn replace(&mut self, factor: Arc<Factor>) {
+        self.columns = vec![None; factor.size()];
+        self.kept = 0;
         self.factor = factor;
-        self.kept.clear();
     }
 
     /// The factor that columns are solved from.
@@ -60,12 +64,12 @@ impl Columns {
 
     /// Columns kept at the moment.
     pub fn len(&self) -> usize {
-        self.kept.len()
+        self.kept
     }
 
     /// Whether no column is kept.
     pub fn is_empty(&self) -> bool {
-        self.kept.is_empty()
+        self.kept == 0
     }
 
     /// The most columns that are kept.
@@ -75,7 +79,7 @@ impl Columns {
 
     /// Whether a column is kept.
     pub fn holds(&self, dof: usize) -> bool {
-        self.kept.contains_key(&dof)
+        matches!(self.columns.get(dof), Some(Some(_)))
     }
 
     /// Columns solved so far, those forgotten since among them.
@@ -90,7 +94,7 @@ impl Columns {
     pub fn column(&mut self, dof: usize) -> Result<&[f64], ComplianceError> {
         check_dofs(&[dof], self.factor.size())?;
         self.fetch(&[dof])?;
-        match self.kept.get(&dof) {
+        match &self.columns[dof] {
             Some(column) => Ok(&column.values),
             None => unreachable!("a column just fetched"),
         }
@@ -101,7 +105,7 @@ impl Columns {
         self.clock += 1;
         let mut missing = Vec::new();
         for &dof in dofs {
-            match self.kept.get_mut(&dof) {
+            match &mut self.columns[dof] {
                 Some(column) => column.last_used = self.clock,
                 None => missing.push(dof),
             }
@@ -121,7 +125,8 @@ impl Columns {
                     return Err(ComplianceError::NotFinite { dof });
                 }
                 let last_used = self.clock;
-                self.kept.insert(dof, Column { values, last_used });
+                self.columns[dof] = Some(Column { values, last_used });
+                self.kept += 1;
             }
         }
         Ok(())
@@ -129,14 +134,18 @@ impl Columns {
 
     /// Forgets the columns used longest ago until `coming` more fit; of those used together, the highest first.
     fn make_room(&mut self, coming: usize) {
-        let excess = (self.kept.len() + coming).saturating_sub(self.capacity);
+        let excess = (self.kept + coming).saturating_sub(self.capacity);
         if excess == 0 {
             return;
         }
-        let mut oldest: Vec<_> = self.kept.iter().map(|(&dof, column)| (column.last_used, dof)).collect();
+        let kept = self.columns.iter().enumerate();
+        let mut oldest: Vec<_> = kept
+            .filter_map(|(dof, column)| Some((column.as_ref()?.last_used, dof)))
+            .collect();
         oldest.sort_unstable_by_key(|&(used, dof)| (used, std::cmp::Reverse(dof)));
         for (_, dof) in oldest.into_iter().take(excess) {
-            self.kept.remove(&dof);
+            self.columns[dof] = None;
+            self.kept -= 1;
         }
     }
 
@@ -163,7 +172,8 @@ impl Compliance for Columns {
         Ok(())
     }
 
-    /// Solves for whichever side has fewer columns missing: K^-1 is symmetric, so rows do as well.
+    /// Solves for whichever side has fewer columns missing: K^-1 is symmetric, so rows do as well. Reads from the fewer columns, as
+    /// each lies elsewhere in memory.
     fn entries_into(
         &mut self,
         rows: &[usize],
@@ -174,12 +184,12 @@ impl Compliance for Columns {
         check_dofs(columns, self.size())?;
         check_shape("rows of the block", out.nrows(), rows.len())?;
         check_shape("columns of the block", out.ncols(), columns.len())?;
-        let by_rows = self.missing(rows) < self.missing(columns);
+        let by_rows = (self.missing(rows), rows.len()) < (self.missing(columns), columns.len());
         let (sides, others) = if by_rows { (rows, columns) } else { (columns, rows) };
         for batch in distinct(sides).chunks(self.capacity) {
             self.fetch(batch)?;
             for (j, side) in sides.iter().enumerate() {
-                let Some(column) = self.kept.get(side) else {
+                let Some(column) = &self.columns[*side] else {
                     continue;
                 };
                 for (i, &other) in others.iter().enumerate() {
@@ -210,7 +220,7 @@ impl Compliance for Columns {
 
     /// The kept columns and the factor.
     fn bytes(&self) -> usize {
-        (self.kept.len() * self.factor.size() + self.factor.entries()) * size_of::<f64>()
+        (self.kept * self.factor.size() + self.factor.entries()) * size_of::<f64>()
     }
 }
 

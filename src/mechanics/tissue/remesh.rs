@@ -135,6 +135,10 @@ pub trait Remesher: Send {
     /// [`RemeshError`]; it is then as before, and the change must be taken back from the mesh, as [`Adaptation`] does.
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError>;
 
+    /// Is told around which degrees of freedom (ascending) the next change will probably be. A level that can do part of its work
+    /// ahead does that in [`tend`](Self::tend); whether the change comes makes no difference but for rounding.
+    fn expect(&mut self, _support: &[u32]) {}
+
     /// Does one thing that changes have left to do ([`Options::tended`]), if there is one. A report where that computed the compliance
     /// anew: it has changed then, by no more than its error was.
     fn tend(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {

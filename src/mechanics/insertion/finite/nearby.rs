@@ -5,95 +5,98 @@ use faer::MatMut;
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
 
-/// What the block of the carrier was read for: it holds as long as none of this changes.
+/// What entries of the carrier are read for: they hold as long as it stays the same, and the carried forces act where they did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Key {
-    element: u32,
     mesh_step: u64,
     contacts: u64,
 }
 
-/// Nodes around an element, with their displacements.
+/// A node that was asked for.
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    node: u32,
+    /// Under the forces at hand, if it was asked for since they are, mm.
+    displacement: Option<[f64; 3]>,
+}
+
+/// Nodes that the tip comes past, with their displacements.
 #[derive(Debug, Default)]
 pub(super) struct Nearby {
     key: Option<Key>,
-    /// Ascending.
-    nodes: Vec<u32>,
-    rows: Vec<usize>,
+    nodes: Vec<Near>,
+    /// Degrees of freedom that the carried forces act on.
     columns: Vec<usize>,
-    /// Entries of the carrier, rows by columns.
-    block: Vec<f64>,
-    values: Vec<f64>,
-    displacements: Vec<[f64; 3]>,
+    /// Entries of the carrier: three rows a node.
+    rows: Vec<f64>,
 }
 
 impl Nearby {
-    /// Makes sure that all nodes of the elements that touch `element` are there, displaced by the carried forces. `contacts`
-    /// changes whenever the contacts do.
-    pub fn gather(
+    /// The carried forces are others.
+    pub fn renew(&mut self) {
+        self.nodes.iter_mut().for_each(|near| near.displacement = None);
+    }
+
+    /// The displacement of a node under the carried forces, mm. `contacts` changes whenever the contacts do.
+    pub fn displacement(
         &mut self,
         adaptation: &mut Adaptation,
         carried: &[(usize, f64)],
-        element: u32,
         contacts: u64,
-    ) -> Result<(), RemeshError> {
-        let (mesh, remesher) = adaptation.parts();
-        let key = Key {
-            element,
-            mesh_step: mesh.step(),
-            contacts,
+        node: u32,
+    ) -> Result<[f64; 3], RemeshError> {
+        let at = match self.nodes.iter().position(|near| near.node == node) {
+            Some(at) if self.holds(adaptation, carried, contacts) => at,
+            _ => self.read(adaptation, carried, contacts, node)?,
         };
-        if self.key != Some(key) {
-            self.key = None;
+        if let Some(displacement) = self.nodes[at].displacement {
+            return Ok(displacement);
+        }
+        let columns = self.columns.len();
+        let displacement = [0, 1, 2].map(|axis| {
+            let row = &self.rows[(3 * at + axis) * columns..][..columns];
+            row.iter().zip(carried).map(|(entry, (_, force))| entry * force).sum()
+        });
+        self.nodes[at].displacement = Some(displacement);
+        Ok(displacement)
+    }
+
+    /// Whether entries that were read still hold.
+    fn holds(&self, adaptation: &Adaptation, carried: &[(usize, f64)], contacts: u64) -> bool {
+        let mesh_step = adaptation.mesh().step();
+        self.key == Some(Key { mesh_step, contacts }) && self.columns.iter().eq(carried.iter().map(|(dof, _)| dof))
+    }
+
+    /// Reads the rows of a node. Its place.
+    fn read(
+        &mut self,
+        adaptation: &mut Adaptation,
+        carried: &[(usize, f64)],
+        contacts: u64,
+        node: u32,
+    ) -> Result<usize, RemeshError> {
+        if !self.holds(adaptation, carried, contacts) {
             self.nodes.clear();
-            let corners = mesh.elements()[element as usize];
-            self.nodes
-                .extend(corners.iter().flat_map(|corner| mesh.neighbours(*corner)));
-            self.nodes.sort_unstable();
-            self.nodes.dedup();
             self.rows.clear();
-            let dofs = self.nodes.iter().flat_map(|node| mesh.dofs().of(*node));
-            self.rows
-                .extend(dofs.filter(|dof| *dof != NONE).map(|dof| dof as usize));
             self.columns.clear();
             self.columns.extend(carried.iter().map(|(dof, _)| *dof));
-            let (rows, columns) = (self.rows.len(), self.columns.len());
-            self.block.resize(rows * columns, 0.0);
-            let block = MatMut::from_column_major_slice_mut(&mut self.block, rows, columns);
-            remesher.carrier_into(&self.rows, &self.columns, block)?;
-            self.key = Some(key);
+            let mesh_step = adaptation.mesh().step();
+            self.key = Some(Key { mesh_step, contacts });
         }
-        self.displace(adaptation, carried);
-        Ok(())
-    }
-
-    fn displace(&mut self, adaptation: &Adaptation, carried: &[(usize, f64)]) {
-        self.values.clear();
-        self.values.resize(self.rows.len(), 0.0);
-        for (column, (_, force)) in self.block.chunks_exact(self.rows.len().max(1)).zip(carried) {
-            self.values
-                .iter_mut()
-                .zip(column)
-                .for_each(|(u, entry)| *u += entry * force);
+        let (mesh, remesher) = adaptation.parts();
+        let (at, columns) = (self.nodes.len(), self.columns.len());
+        self.rows.truncate(3 * at * columns);
+        self.rows.resize(3 * (at + 1) * columns, 0.0);
+        let rows = self.rows[3 * at * columns..].chunks_exact_mut(columns.max(1));
+        // What does not move has zeros.
+        for (row, dof) in rows.zip(mesh.dofs().of(node)).filter(|(_, dof)| *dof != NONE) {
+            let out = MatMut::from_row_major_slice_mut(row, 1, columns);
+            remesher.carrier_into(&[dof as usize], &self.columns, out)?;
         }
-        self.displacements.clear();
-        let mut values = self.values.iter();
-        for node in &self.nodes {
-            let dofs = adaptation.mesh().dofs().of(*node);
-            let displacement = dofs.map(|dof| {
-                if dof == NONE {
-                    0.0
-                } else {
-                    values.next().copied().unwrap_or_default()
-                }
-            });
-            self.displacements.push(displacement);
-        }
-    }
-
-    /// The displacement of a node, mm; none where it is not around.
-    pub fn of(&self, node: u32) -> Option<[f64; 3]> {
-        let at = self.nodes.binary_search(&node).ok()?;
-        self.displacements.get(at).copied()
+        self.nodes.push(Near {
+            node,
+            displacement: None,
+        });
+        Ok(at)
     }
 }

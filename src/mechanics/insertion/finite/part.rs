@@ -54,11 +54,7 @@ impl Finite {
 
     /// How far the base goes on along the shaft, mm.
     fn advance_of(&self, base: &Isometry3<f64>) -> f64 {
-        let axis = base.rotation * Vector3::z();
-        let before = self.tip.base.as_ref();
-        before.map_or(0.0, |before| {
-            axis.dot(&(base.translation.vector - before.translation.vector))
-        })
+        self.tip.base.map_or(0.0, |before| advance(&before, base))
     }
 
     /// Nodes that slip go on as they did: a start that spares iterations.
@@ -100,6 +96,12 @@ impl Finite {
             self.version += 1;
         }
     }
+}
+
+/// How far a base goes on along the shaft, mm.
+pub(super) fn advance(from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
+    let axis = to.rotation * Vector3::z();
+    axis.dot(&(to.translation.vector - from.translation.vector))
 }
 
 /// The farthest that a point of an instrument of this length (mm) along z moves, mm, at most.

@@ -138,19 +138,21 @@ impl Finite {
 
     /// Makes the best of some corners a node at a point of the reference state. Which; none if none fits.
     fn move_corner(&mut self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
-        let (contacts, press) = (&self.contacts, &self.press);
+        let node = self.corner(element, to, may)?;
+        self.adaptation.move_node(node, to.into()).ok()?;
+        self.outcome.remeshes += 1;
+        Some(node)
+    }
+
+    /// The best of some corners to make a node at a point of the reference state; none if none fits.
+    pub(super) fn corner(&self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
         let taken = |node: u32| {
-            let on_needle = contacts.iter().any(|contact| contact.node == node);
-            let on_probe = press.as_ref().is_some_and(|press| press.nodes().contains(&node));
+            let on_needle = self.contacts.iter().any(|contact| contact.node == node);
+            let on_probe = self.press.as_ref().is_some_and(|press| press.nodes().contains(&node));
             on_needle || on_probe || !may(node)
         };
         let corner = best_corner(self.adaptation.mesh(), element, to.into(), taken).ok()?;
-        if corner.condition > self.options.condition_limit {
-            return None;
-        }
-        self.adaptation.move_node(corner.node, to.into()).ok()?;
-        self.outcome.remeshes += 1;
-        Some(corner.node)
+        (corner.condition <= self.options.condition_limit).then_some(corner.node)
     }
 
     fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {

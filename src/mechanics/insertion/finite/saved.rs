@@ -122,6 +122,7 @@ impl Finite {
         }
         self.version += 1;
         self.nearby = Nearby::default();
+        self.outlook = None;
         self.take_compliance();
         self.carry();
     }

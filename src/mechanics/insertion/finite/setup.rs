@@ -237,6 +237,7 @@ impl Setup {
             condensed: None,
             nearby: Nearby::default(),
             carried: Vec::new(),
+            outlook: None,
             yielding: Yielding {
                 flexibility: Mat::new(),
                 drift: Vec::new(),

@@ -81,7 +81,7 @@ fn at(z: f64) -> Instruments {
 }
 
 #[test]
-fn in_and_out() {
+fn what_remeshing_moves_is_foreseen() {
     let interaction = Interaction {
         friction_n_per_mm: 0.02,
         cutting_n: 0.5,
@@ -89,26 +89,23 @@ fn in_and_out() {
         ..Interaction::default()
     };
     let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
-    let mut z = -2.0;
-    let mut up = true;
-    for step in 0..700 {
-        z += if up { 0.2 } else { -0.2 };
-        if z > 50.0 {
-            up = false;
-        }
-        let outcome = finite.step(&at(z), 0.001).expect("a step");
-        if step % 20 == 0 || !outcome.events.is_empty() {
-            println!(
-                "{step} z {z:.2} F {:.4} lat {:.4} contacts {} stuck {} it {} conv {} in {:.2} {:?}",
-                outcome.on_hand.force_n.z,
-                outcome.on_hand.force_n.xy().norm(),
-                outcome.contacts,
-                outcome.stuck,
-                outcome.iterations,
-                outcome.converged,
-                outcome.inserted_mm,
-                outcome.events.iter().map(|event| event.kind.name()).collect::<Vec<_>>()
-            );
+    let nodes = |finite: &Finite| -> Vec<u32> { finite.contacts.iter().map(|contact| contact.node).collect() };
+    let (mut foreseen, mut made, mut gone) = (0, 0, 0);
+    for step in 0..1000 {
+        // In by 50 mm, and out.
+        let z = 0.1 * f64::from(500 - (step - 500i32).abs());
+        let (before, expected) = (nodes(&finite), finite.next_corner());
+        finite.step(&at(z), 0.001).expect("a step");
+        let after = nodes(&finite);
+        if after.len() > before.len() {
+            made += 1;
+            foreseen += usize::from(expected == after.last().copied());
+        } else if after.len() < before.len() {
+            gone += 1;
+            assert_eq!(after, before[..after.len()], "the last comes off");
         }
     }
+    assert!(made >= 5 && gone >= 5, "{made} made, {gone} gone");
+    // The first is made where nothing can be known before; the others where the straight path says.
+    assert!(foreseen + 2 >= made, "{foreseen} of {made}");
 }

@@ -46,40 +46,33 @@ impl Finite {
     }
 
     fn displacement_at(&mut self, place: &Place) -> Vector3<f64> {
-        self.gather(place.element);
         let corners = self.mesh.elements()[place.element as usize];
-        let terms = corners.iter().zip(place.bary);
-        terms
-            .map(|(node, weight)| Vector3::from(self.nearby.of(*node).unwrap_or_default()) * weight)
-            .sum()
+        let terms = corners.into_iter().zip(place.bary);
+        terms.map(|(node, weight)| self.displacement_of(node) * weight).sum()
     }
 
-    fn gather(&mut self, element: u32) {
-        let gathered = self
+    fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+        let displacement = self
             .nearby
-            .gather(&mut self.adaptation, &self.carried, element, self.version);
-        if let Err(error) = gathered {
-            unreachable!("rows and columns are free degrees of freedom: {error}");
+            .displacement(&mut self.adaptation, &self.carried, self.version, node);
+        match displacement {
+            Ok(displacement) => displacement.into(),
+            Err(error) => unreachable!("rows and columns are free degrees of freedom: {error}"),
         }
     }
 
     /// The element as it lies now.
     fn deformed(&mut self, element: u32) -> Option<Tetrahedron> {
         let corners = self.mesh.elements()[element as usize];
-        if corners.iter().any(|node| self.nearby.of(*node).is_none()) {
-            self.gather(element);
-        }
-        let nodes = self.adaptation.mesh().nodes();
-        let place = |node: u32| {
-            let displacement = self.nearby.of(node).unwrap_or_default();
-            Point3::from(nodes[node as usize]) + Vector3::from(displacement)
-        };
-        Tetrahedron::new(&corners.map(place))
+        let places = corners.map(|node| {
+            let displacement = self.displacement_of(node);
+            Point3::from(self.adaptation.mesh().nodes()[node as usize]) + displacement
+        });
+        Tetrahedron::new(&places)
     }
 
     /// From an element to the one that holds a point, in the tissue as it lies now. None outside.
     pub(super) fn walk(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
-        self.gather(from);
         let mesh = Arc::clone(&self.mesh);
         search(&mesh, point, from, |element| {
             let tetrahedron = self.deformed(element)?;

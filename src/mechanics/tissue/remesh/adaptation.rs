@@ -11,6 +11,8 @@ pub struct Adaptation {
     remesher: Box<dyn Remesher>,
     source: Source,
     options: Options,
+    /// Memory for the degrees of freedom of an expected change.
+    expected: Vec<u32>,
 }
 
 /// Why a move is refused. Mesh and remesher are then as they were.
@@ -42,6 +44,7 @@ impl Adaptation {
             remesher,
             source,
             options,
+            expected: Vec::new(),
         })
     }
 
@@ -85,6 +88,16 @@ impl Adaptation {
     pub fn undo(&mut self) -> Result<Option<RemeshReport>, AdaptError> {
         let change = self.mesh.begin_undo()?;
         change.map(|change| self.hand_over(change, Record::Undone)).transpose()
+    }
+
+    /// Expects that `node` is what moves next: see [`Remesher::expect`].
+    ///
+    /// # Panics
+    /// If there is no such node.
+    pub fn expect(&mut self, node: u32) {
+        self.expected.clear();
+        self.expected.extend(self.mesh.support_of(node));
+        self.remesher.expect(&self.expected);
     }
 
     /// Does what changes have left to do: see [`Remesher::tend`].

@@ -143,6 +143,15 @@ impl AdaptedMesh {
         touched.flat_map(|node| self.dofs().of(node)).filter(|dof| *dof != NONE)
     }
 
+    /// Free degrees of freedom of `node` and its neighbours, ascending: those that a move of it concerns.
+    ///
+    /// # Panics
+    /// If there is no such node.
+    pub fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
+        let all = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
+        all.filter(|dof| *dof != NONE)
+    }
+
     /// The elements around a node and its place in each.
     pub(super) fn elements_around(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
         self.around.elements(node)

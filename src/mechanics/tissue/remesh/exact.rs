@@ -18,6 +18,7 @@
 //! read from the base: bit for bit what it was. `docs/remeshing.md` has the proof, what rounding does, and the ancestors: the
 //! capacitance matrices of James and Pai, and the augmented systems of Yeung, Crouch and Pothen.
 
+mod ahead;
 mod anew;
 mod contacts;
 mod held;
@@ -34,6 +35,7 @@ use super::difference::Difference;
 use super::watch::Watch;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
+use ahead::Ahead;
 use contacts::Contacts;
 use held::Held;
 use update::Work;
@@ -51,6 +53,7 @@ pub struct Exact {
     watch: Watch,
     /// A sample is due, and left to do.
     is_due: bool,
+    ahead: Ahead,
     rebuilds: u64,
 }
 
@@ -90,6 +93,7 @@ impl Exact {
             step: mesh.step(),
             watch: Watch::new(),
             is_due: false,
+            ahead: Ahead::new(),
             rebuilds: 0,
         };
         exact.refresh(mesh)?;
@@ -173,14 +177,14 @@ impl Remesher for Exact {
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
         check_step(self.step, mesh, change)?;
         self.complete();
-        let before = self.held.len();
+        let (before, done) = self.meet(&change.support);
         self.held
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
         let computed = if self.options.rebuild_always {
             mesh.difference_into(&mut self.difference);
             self.compute_anew()
         } else {
-            self.update(change)
+            self.update(change, done)
         };
         let condition = match computed {
             Ok(condition) => condition,
@@ -219,8 +223,14 @@ impl Remesher for Exact {
         let mut report = self.report(0, 1.0, None);
         if self.is_due {
             self.sample(mesh, &mut report);
+        } else {
+            self.work_ahead();
         }
         Some(report).filter(|report| report.rebuilt.is_some())
+    }
+
+    fn expect(&mut self, support: &[u32]) {
+        self.await_change(support);
     }
 
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
@@ -229,6 +239,7 @@ impl Remesher for Exact {
         let mut held = Held::new(mesh.dofs().free());
         held.extend(&mut *self.source, &support, self.contacts.dofs())?;
         let before = std::mem::replace(&mut self.held, held);
+        self.ahead.forget();
         mesh.difference_into(&mut self.difference);
         match self.compute_anew() {
             Ok(condition) => {
@@ -308,7 +319,7 @@ impl Remesher for Exact {
     }
 
     fn memory(&self) -> usize {
-        self.source.bytes() + self.held.bytes() + self.work.bytes()
+        self.source.bytes() + self.held.bytes() + self.work.bytes() + self.ahead.bytes()
     }
 }
 

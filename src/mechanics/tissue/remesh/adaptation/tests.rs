@@ -46,6 +46,7 @@ fn a_refused_request_changes_neither_mesh_nor_remesher() {
             remesher,
             source,
             options: strict,
+            expected: Vec::new(),
         };
         let state = |adaptation: &Adaptation| {
             let mesh = adaptation.mesh();

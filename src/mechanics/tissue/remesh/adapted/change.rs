@@ -3,7 +3,6 @@
 use faer::Mat;
 
 use super::{AdaptedMesh, RefusedMove};
-use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::element::Shape;
 
 /// What the move of one node changes.
@@ -41,8 +40,7 @@ impl Change {
     pub(super) fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
         let dofs = mesh.dofs();
         self.support.clear();
-        let all = mesh.neighbours(node).iter().flat_map(|node| dofs.of(*node));
-        self.support.extend(all.filter(|dof| *dof != NONE));
+        self.support.extend(mesh.support_of(node));
         let (support, size) = (&self.support, self.support.len());
         let stiffness = &mut self.stiffness;
         stiffness.truncate(0, 0);

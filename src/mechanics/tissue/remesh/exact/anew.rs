@@ -49,6 +49,7 @@ impl Exact {
         symmetrise(next.rb_mut());
         std::mem::swap(&mut held.c, &mut work.next);
         (self.watch, self.is_due, self.work.left) = (Watch::new(), false, false);
+        self.ahead.begin_columns();
 
         self.contacts.forget_correction();
         let b = self.held.b.get();

@@ -5,6 +5,7 @@ use crate::mechanics::tissue::remesh::testing::{
 };
 use crate::mechanics::tissue::testing::value;
 
+mod ahead;
 mod watch;
 
 /// A remesher at the base of a mesh, with contacts at some nodes.

@@ -16,7 +16,7 @@ use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
 pub(super) struct Work {
     /// Places of P in S.
     pub at: Vec<usize>,
-    /// G[S, P].
+    /// G[S, P], also of a change that is expected.
     pub g_sp: Grown,
     /// H = K^-1[P, P].
     pub h: Grown,
@@ -26,7 +26,7 @@ pub(super) struct Work {
     pub w: Grown,
     /// D W^T.
     pub dw: Grown,
-    /// -V; before that, C G[S, P].
+    /// -V; before that, C G[S, P], also of a change that is expected.
     pub v: Grown,
     /// -V D.
     pub vd: Grown,
@@ -78,20 +78,28 @@ impl Work {
 }
 
 impl Exact {
-    /// Brings C and K^c up to date, the last product of C at once or [later](Self::complete); S holds the support of the change. The reciprocal condition of I + d H; as an error,
-    /// where it is too small, and then C and K^c are as they were.
-    pub(super) fn update(&mut self, change: &Change) -> Result<f64, f64> {
+    /// Brings C and K^c up to date, the last product of C at once or [later](Self::complete); S holds the support of the change, and
+    /// of C G[S, P] so many columns are `done`. The reciprocal condition of I + d H; as an error, where it is too small, and then C and
+    /// K^c are as they were.
+    pub(super) fn update(&mut self, change: &Change, done: usize) -> Result<f64, f64> {
         let Exact { held, work, .. } = self;
         let (len, rank) = (held.len(), change.support.len());
         work.at.clear();
         work.at.extend(change.support.iter().map(|dof| held.place(*dof)));
         let mut g_sp = work.g_sp.shape(len, rank);
-        for (column, &at) in work.at.iter().enumerate() {
+        for (column, &at) in work.at.iter().enumerate().skip(done) {
             g_sp.rb_mut().col_mut(column).copy_from(held.g.get().col(at));
         }
         let g_sp = g_sp.rb();
         let mut x = work.v.shape(len, rank);
-        product(x.rb_mut(), Accum::Replace, held.c.get(), g_sp, 1.0);
+        let to_do = x.rb_mut().subcols_mut(done, rank - done);
+        product(
+            to_do,
+            Accum::Replace,
+            held.c.get(),
+            g_sp.subcols(done, rank - done),
+            1.0,
+        );
         let mut h = work.h.shape(rank, rank);
         pick_rows(h.rb_mut(), g_sp, &work.at);
         product(h.rb_mut(), Accum::Add, g_sp.transpose(), x.rb(), -1.0);

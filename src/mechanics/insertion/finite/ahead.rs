@@ -1,0 +1,67 @@
+//! What the next remesh will be, told to the remesher before it comes.
+
+use nalgebra::Point3;
+
+use super::Finite;
+use super::place::Tetrahedron;
+use crate::mechanics::mesh::NONE;
+
+/// Elements that are looked through at most: a node is made every few.
+const MOST_ELEMENTS: usize = 16;
+/// After so much of the way it is looked again, mm: the path bends.
+const AGAIN_MM: f64 = 0.25;
+
+/// What an expectation depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Outlook {
+    mesh_step: u64,
+    element: Option<u32>,
+    /// The way from the last node, in parts of [`AGAIN_MM`].
+    way: i64,
+    withdraws: bool,
+}
+
+impl Finite {
+    /// Tells the remesher which node will be made next, or come off if the needle `withdraws`.
+    pub(super) fn look_ahead(&mut self, withdraws: bool) {
+        let Some(last) = self.contacts.last() else { return };
+        let outlook = Outlook {
+            mesh_step: self.adaptation.mesh().step(),
+            element: self.tip.element.map(|(element, _)| element),
+            way: ((self.line.length_mm() - last.arc) / AGAIN_MM) as i64,
+            withdraws,
+        };
+        if self.outlook.replace(outlook) == Some(outlook) {
+            return;
+        }
+        let node = if withdraws { Some(last.node) } else { self.next_corner() };
+        if let Some(node) = node {
+            self.adaptation.expect(node);
+        }
+    }
+
+    /// The corner that moves where the path, if it goes on straight, next wants a node.
+    pub(super) fn next_corner(&self) -> Option<u32> {
+        let (mut element, _) = self.tip.element?;
+        let last = self.contacts.last()?;
+        let (mesh, spacing) = (self.adaptation.mesh(), self.options.spacing_mm);
+        let ahead = self.line.at(self.line.length_mm()).tangent.into_inner();
+        let mut point = self.tip.reference;
+        let mut way = self.line.length_mm() - last.arc;
+        for _ in 0..MOST_ELEMENTS {
+            let corners = mesh.elements()[element as usize];
+            let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
+            let (through, face) = tetrahedron.exit(&point, &ahead)?;
+            if !corners.contains(&last.node) && way + through >= spacing {
+                return self.corner(element, point + ahead * (spacing - way).max(0.0), |_| true);
+            }
+            point += ahead * through;
+            way += through;
+            element = self.mesh.neighbours()[element as usize][face];
+            if element == NONE {
+                return None;
+            }
+        }
+        None
+    }
+}
