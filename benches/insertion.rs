@@ -74,7 +74,7 @@ fn finite(needle: Box<dyn Needle>, with_probe: bool) -> Finite {
         mesh,
     };
     let mut finite = Finite::new(setup, |_, _| {}).expect("a setup");
-    finite.prefetch(&Point3::new(31.3, 28.9, 0.0), &Vector3::z(), EXTENT[2]);
+    finite.prefetch(&Point3::new(31.3, 28.9, 0.0), &Vector3::z(), EXTENT[2], 5.0);
     finite
 }
 

@@ -109,7 +109,7 @@ fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
         },
         |_, _| {},
     )?;
-    model.prefetch(&Point3::from(ENTRY_MM), &Vector3::z(), DEPTH_MM);
+    model.prefetch(&Point3::from(ENTRY_MM), &Vector3::z(), DEPTH_MM, 5.0);
     Ok(model)
 }
 

@@ -19,6 +19,8 @@ use crate::mechanics::needle::{
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
+/// A needle of 18 gauge strays so far from its path in the tissue at rest, and tissue under a probe as far, mm.
+const ASIDE_MM: f64 = 5.0;
 
 impl Scenario {
     /// The model, tissue at rest and no instrument near. `progress` hears what is done of what, where there is much to do.
@@ -115,7 +117,7 @@ impl Scenario {
             let along = to - start;
             let length = along.norm();
             if length >= PIECE_MM {
-                finite.prefetch(&start, &(along / length), length);
+                finite.prefetch(&start, &(along / length), length, ASIDE_MM);
                 from = Some(to);
             }
         }

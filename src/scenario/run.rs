@@ -144,6 +144,7 @@ pub fn run<O: Observer>(
             continue;
         }
         view.look(model, &instruments.base);
+        tally.see(&view.tissue);
         if let Some(number_of_frame) = frame {
             let state = view.state(number_of_frame, scenario.probe(number).to_homogeneous());
             observer.frame(&Moment {

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::resolve::Scenario;
 use super::run::Step;
-use crate::mechanics::insertion::{EventKind, Snapshot};
+use crate::mechanics::insertion::{EventKind, Snapshot, Tissue};
 use crate::study::spread::percentile;
 
 /// Most events that are kept: a run that never converges reports one a step.
@@ -36,6 +36,8 @@ pub struct Summary {
     pub remeshes: u64,
     /// Steps that did not converge.
     pub not_converged: u64,
+    /// Most elements that were inverted at a frame or a mesh that was asked for: tissue was crushed there. None where neither was.
+    pub max_inverted_elements: Option<usize>,
     /// Times of steps.
     pub step_ms: StepMs,
     /// What happened.
@@ -130,6 +132,7 @@ impl<'a> Tally<'a> {
             max_inserted_mm: 0.0,
             remeshes: 0,
             not_converged: 0,
+            max_inverted_elements: None,
             step_ms: StepMs::default(),
             events: Vec::new(),
             seeds: Vec::new(),
@@ -190,6 +193,12 @@ impl<'a> Tally<'a> {
         }
     }
 
+    /// Takes note of the tissue at a frame or a mesh.
+    pub fn see(&mut self, tissue: &Tissue) {
+        let most = &mut self.summary.max_inverted_elements;
+        *most = (*most).max(Some(tissue.inverted));
+    }
+
     fn seed(&mut self, step: &Step<'_>) {
         let timing = &self.scenario.timing;
         let mut deposits = self.scenario.deposits.iter();
@@ -244,6 +253,12 @@ impl<'a> Tally<'a> {
             let (odd, of) = (summary.not_converged, summary.steps);
             summary.warnings.push(format!(
                 "{odd} of {of} steps did not converge: their forces are approximate"
+            ));
+        }
+        if let Some(inverted @ 1..) = summary.max_inverted_elements {
+            summary.warnings.push(format!(
+                "up to {inverted} elements were inverted at once: tissue is crushed there, and of layers that lie over each other \
+                 one is imaged"
             ));
         }
         let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();

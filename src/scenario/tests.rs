@@ -131,7 +131,7 @@ impl Model for Told {
     }
 }
 
-/// Tissue at rest.
+/// Tissue at rest, of which it is said that seven elements are inverted.
 struct Rest(TetMesh);
 
 impl Imager for Rest {
@@ -142,6 +142,7 @@ impl Imager for Rest {
     fn tissue(&mut self, _snapshot: &Snapshot, into: &mut Tissue) {
         into.reference = self.0.nodes().to_vec();
         into.current = self.0.nodes().to_vec();
+        into.inverted = 7;
     }
 }
 
@@ -199,6 +200,13 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
     assert!((summary.max_base_force_n - 14.95).abs() < 1e-9);
     assert!((summary.max_inserted_mm - 14.95).abs() < 1e-9);
     assert_eq!(summary.not_converged, 1);
+    assert_eq!(summary.max_inverted_elements, Some(7));
+    assert!(
+        summary
+            .warnings
+            .iter()
+            .any(|warning| warning.starts_with("up to 7 elements"))
+    );
     assert_eq!(summary.remeshes, 150);
     assert!(summary.step_ms.remesh_max.is_some() && summary.step_ms.median <= summary.step_ms.max);
     assert_eq!(summary.seeds.len(), 1);
@@ -321,6 +329,7 @@ at_mm = [0, 0, -35]
     assert_eq!(scenario.instruments(100).guide, Some(Point3::new(0.0, 0.0, -50.0)));
     assert_eq!(scenario.instruments(550).guide, None, "between two holes");
     let (_, summary) = heard(&scenario, Asked::default());
+    assert_eq!(summary.max_inverted_elements, None);
     let seeds: Vec<_> = summary
         .seeds
         .iter()

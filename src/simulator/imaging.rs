@@ -134,6 +134,11 @@ impl Imaging {
         self.latest.state()
     }
 
+    /// Elements that are inverted in what the last frame shows: tissue is crushed there. None are told of an image without a mesh.
+    pub fn inverted(&self) -> usize {
+        self.tissue.inverted
+    }
+
     /// What renders, to change its settings between frames.
     pub fn synthesizer(&mut self) -> &mut Synthesizer {
         &mut self.synthesizer

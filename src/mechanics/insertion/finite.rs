@@ -144,10 +144,11 @@ impl Finite {
         pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
     }
 
-    /// Computes ahead what remeshing along a straight path will read: a path of `length_mm` from `from` along `direction`. Without a
-    /// dense inverse each node in its way otherwise costs some milliseconds when the tip comes near.
-    pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64) {
-        self.fetch_along(from, direction, length_mm);
+    /// Computes ahead what remeshing along a path will read: a path of `length_mm` from `from` along `direction` that strays up to
+    /// `aside_mm` in the tissue at rest, because the needle bends or a probe moves the tissue. Without a dense inverse each node in
+    /// its way otherwise costs some milliseconds when the tip comes near.
+    pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
+        self.fetch_along(from, direction, length_mm, aside_mm);
     }
 
     fn note(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {

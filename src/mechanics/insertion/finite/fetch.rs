@@ -6,8 +6,8 @@ use super::Finite;
 use crate::mechanics::mesh::NONE;
 
 impl Finite {
-    /// Reads ahead the columns of the nodes around a path.
-    pub(super) fn fetch_along(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64) {
+    /// Reads ahead the columns of the nodes around a path, as far aside.
+    pub(super) fn fetch_along(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
         let Some(direction) = direction.try_normalize(0.0) else {
             return;
         };
@@ -19,7 +19,7 @@ impl Finite {
                 Point3::from((places[0].coords + places[1].coords + places[2].coords + places[3].coords) / 4.0);
             let size = places.iter().map(|place| (place - middle).norm()).fold(0.0, f64::max);
             let along = (middle - from).dot(&direction).clamp(0.0, length_mm);
-            if (middle - (from + direction * along)).norm() <= size {
+            if (middle - (from + direction * along)).norm() <= size + aside_mm {
                 for corner in corners {
                     mesh.neighbours(*corner)
                         .iter()

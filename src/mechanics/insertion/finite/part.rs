@@ -46,7 +46,7 @@ impl Finite {
         if self.release() {
             self.settle(base);
         }
-        if self.advance() {
+        if self.advance(advance) {
             self.settle(base);
         }
         self.stick_again();

@@ -61,8 +61,9 @@ impl Finite {
         }
     }
 
-    /// Follows the tip through the tissue. Whether a node was moved to it.
-    pub(super) fn advance(&mut self) -> bool {
+    /// Follows the tip through the tissue, the base having gone on by `advance` (mm). Whether a node was moved to it: none is while
+    /// the needle comes back, as it would come off again.
+    pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.break_surface();
         let tip = self.line.tip();
         let found = match (self.contacts.is_empty(), self.tip.element) {
@@ -93,7 +94,7 @@ impl Finite {
             return false;
         }
         self.tip.found = Some(place);
-        self.wants_node(&place) && self.remesh(&place, region)
+        advance >= 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
     /// The path in front of the last node grows, or shrinks.

@@ -44,7 +44,8 @@ pub(super) struct Contact {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Travel {
     pub advancing: bool,
-    pub retracting: bool,
+    /// Whether the tip holds no node: those that slide that far come off.
+    pub open: bool,
     /// If the last node is the tip node: the force with which the tip can push it ahead, N.
     pub push: Option<f64>,
 }
@@ -148,7 +149,7 @@ impl Contacts {
                 // Static friction is more than the sliding friction that would turn it back.
                 slip = 0.0;
             }
-            if !travel.retracting {
+            if !travel.open {
                 slip = slip.min((tip - contact.arc).max(0.0));
             }
             cut |= tip_node && slip < 0.0;

@@ -36,7 +36,7 @@ impl MassSpring {
         }
         if self.body.entry.is_some() {
             self.hold_nodes(travel, h);
-            self.draw_back(travel);
+            self.let_go();
         }
         if self.body.entry.is_some() {
             self.go_on(&before, travel, hand);
@@ -83,7 +83,7 @@ impl MassSpring {
         };
         let travel = Travel {
             advancing: travel > STILL_MM,
-            retracting,
+            open: self.body.tip_node == TipNode::Empty,
             push: (self.body.tip_node == TipNode::Held).then_some(push),
         };
         let anatomy = self.anatomy.as_ref();
@@ -107,9 +107,9 @@ impl MassSpring {
         }
     }
 
-    /// Lets go of the nodes that have come off the needle.
-    fn draw_back(&mut self, travel: f64) {
-        if travel >= -STILL_MM {
+    /// Lets go of the nodes that have come off the needle: it draws back, or the tissue that it dragged along goes back itself.
+    fn let_go(&mut self) {
+        if self.body.tip_node != TipNode::Empty {
             return;
         }
         let length = self.body.line.length_mm();

@@ -39,10 +39,9 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
             record.zero(format!("force over friction and puncture, N, {name}"), excess);
             record.under(format!("displacement, mm, {name}"), farthest, DEPTH_MM);
             record.under(format!("part of a step over the explicit limit, {name}"), too_long, 1.0);
-            // What a fast needle has torn along out of the body slides off it as it is drawn on.
-            for step in 0..60 {
-                let z = -2.0 - 0.5 * f64::from(step.min(20));
-                it.step(&tip_at([ASIDE[0], ASIDE[1], z]), 0.1)?;
+            // What a fast needle has torn along out of the body goes back by itself.
+            for _ in 0..60 {
+                it.step(&tip_at([ASIDE[0], ASIDE[1], -2.0]), 0.1)?;
             }
             record.zero(format!("energy left, N mm, {name}"), it.energy_nmm());
         }

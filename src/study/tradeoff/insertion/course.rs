@@ -159,7 +159,7 @@ pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionS
 /// [`InsertionStudyError::Setup`].
 pub fn model(setup: Setup) -> Result<Finite, InsertionStudyError> {
     let mut finite = Finite::new(setup, |_, _| {})?;
-    finite.prefetch(&Point3::new(ENTRY[0], ENTRY[1], 0.0), &Vector3::z(), EXTENT[2]);
+    finite.prefetch(&Point3::new(ENTRY[0], ENTRY[1], 0.0), &Vector3::z(), EXTENT[2], 5.0);
     Ok(finite)
 }
 

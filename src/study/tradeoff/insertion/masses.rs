@@ -216,7 +216,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, InsertionStudyErr
         mesh: mesh.clone(),
     };
     let mut finite = Finite::new(setup, |_, _| {})?;
-    finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm);
+    finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm, 0.0);
     let choices = choices(FINITE, &poisson.to_string(), &parameters);
     Ok(Contender::new(choices, &mesh, Box::new(finite)))
 }

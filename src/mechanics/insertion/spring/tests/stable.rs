@@ -96,6 +96,27 @@ fn a_hundred_cycles() {
     assert_eq!(it.energy_nmm(), 0.0);
 }
 
+/// A needle that is torn out faster than tissue follows leaves it hooked to the shaft: it goes back by itself, and all is as before.
+#[test]
+fn torn_out_in_one_step() {
+    let sticky = Interaction {
+        friction_n_per_mm: 0.5,
+        ..soft()
+    };
+    let mut it = model(coarse(), Layers::one(sticky));
+    drive(&mut it, [-2.0, 40.0], 40.0, 1e-3, |_| {});
+    assert!(it.contacts.stack.len() > 4);
+    let out = tip_at(0.3, 0.2, -4.0);
+    let forces: Vec<f64> = (0..400)
+        .map(|_| it.step(&out, 1e-3).unwrap().on_hand.force_n.z)
+        .collect();
+    assert_eq!((it.contacts.stack.len(), it.outcome.on_hand), (0, Wrench::default()));
+    // No more than the friction of 44 mm, of which nothing is cut.
+    assert!(forces.iter().all(|force| *force <= 0.5 * 44.0 + 1e-9));
+    (0..20).for_each(|_| assert!(it.step(&out, 0.1).is_ok()));
+    assert_eq!((it.energy_nmm(), it.network.reference == it.network.home), (0.0, true));
+}
+
 /// From a saved state, through text, the same steps give the same bits.
 #[test]
 fn replay_is_exact() {
