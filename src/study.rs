@@ -2,23 +2,27 @@
 //!
 //! | file | what it holds |
 //! |---|---|
+//! | [`anatomies`] | volumes with closed forms |
 //! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
 //! | [`mod@inspect`] | what made one pixel |
 //! | [`beam`] | the published centres of motion of a needle in tissue |
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | `block` | what studies put needles into |
+//! | [`parity`] | whether backends agree, sample by sample |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`puncture`] | a needle goes into a slice of liver with a vein |
 //! | [`spread`] | medians and percentiles of times |
 //! | [`stability`] | hard cases, and whether they hold |
 //! | [`machine`] | what the CPU backend runs on |
 
+pub mod anatomies;
 pub mod beam;
 pub mod bench;
 mod block;
 mod fractional;
 pub mod inspect;
 pub mod machine;
+pub mod parity;
 pub mod plot;
 pub mod puncture;
 pub mod spread;

@@ -3,36 +3,8 @@
 use insonify::effects::blur::Blur;
 
 use crate::case::{Case, check_all};
-use crate::rounding::{DIVIDE, ULP};
 use crate::scenes;
-use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
-
-pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(kernel) = &step.tables.blur else {
-        panic!("{}: blur without a kernel", step.case.name)
-    };
-    let (lines, samples) = (step.lines(), step.samples());
-    let before = std::mem::take(&mut slack.amplitude);
-    slack.amplitude = vec![0.0; before.len()];
-    for sample in 0..samples {
-        let weights: Vec<f64> = kernel.at(sample).collect();
-        for line in 0..lines {
-            let (mut off, mut size, mut norm) = (0.0, 0.0, 0.0);
-            for (tap, weight) in weights.iter().enumerate() {
-                if let Some(other) = (line + tap).checked_sub(kernel.reach).filter(|&other| other < lines) {
-                    let at = other * samples + sample;
-                    off += weight * before[at];
-                    size += weight * (step.before.amplitude[at].abs() + before[at]);
-                    norm += weight;
-                }
-            }
-            // Weights stored (1/2), products (1) and sums; where the kernel is cut, the sum of its weights and a division.
-            let rounding = (1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE;
-            slack.amplitude[line * samples + sample] = (off + rounding * size) / norm.min(1.0);
-        }
-    }
-}
 
 #[test]
 fn narrow_and_wide_blurs_on_every_probe_shape() {

@@ -1,39 +1,10 @@
 //! Whole frames: the pixels themselves.
 
-use insonify::synth::Synthesizer;
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::Tables;
-
 use crate::case::{Case, check_all};
-use crate::slack::Slack;
+use crate::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
-use crate::support::image::{assert_same, assert_within};
+use crate::support::image::assert_within;
 use crate::support::scene::{self, SHAPES};
-use crate::{noise, quantise, scan_conversion, scenes};
-
-/// Compares the frame of a twin with the reference: pixel by pixel within what rounding allows, and so by at most one grey
-/// level unless the bound itself is wider.
-pub fn check_pixels(case: &Case, name: &str, tables: &Tables, beam: &Beam, slack: &Slack, twin: &mut Synthesizer) {
-    let mut image = scan_conversion::carry(tables, beam, &slack.amplitude);
-    noise::carry(tables, case.state.frame, &mut image);
-    let allowed: Vec<[u8; 2]> = image.iter().map(|&pixel| quantise::carry(pixel)).collect();
-    let expected: Vec<u8> = image
-        .iter()
-        .map(|&[grey, _]| (grey + 0.5).clamp(0.0, 255.0) as u8)
-        .collect();
-    let size = [tables.width(), tables.height()];
-    let exact = case
-        .exact()
-        .render(&case.state)
-        .unwrap_or_else(|error| panic!("{name}: {error}"))
-        .pixels
-        .clone();
-    assert_same(&format!("{name}, the reference by itself"), size, &exact, &expected);
-    let frame = twin
-        .render(&case.state)
-        .unwrap_or_else(|error| panic!("{name}: {error}"));
-    assert_within(&format!("{name}, pixels"), size, &frame.pixels, &expected, &allowed);
-}
 
 #[test]
 fn all_effects_on_every_probe_shape() {
@@ -83,9 +54,15 @@ fn realistic_frames_differ_by_one_grey_level_at_most() {
         scene::sized(probe, effects, 320, 240),
         scene::straight(),
     );
-    let exact = case.exact().render(&case.state).expect("a frame").pixels.clone();
-    let gpu = gpu_or_skip("realistic frames");
-    for mut twin in case.twins(gpu.as_ref()) {
+    let exact = case
+        .exact()
+        .expect("the reference")
+        .render(&case.state)
+        .expect("a frame")
+        .pixels
+        .clone();
+    let gpus: Vec<_> = gpu_or_skip("realistic frames").into_iter().collect();
+    for mut twin in case.twins(&gpus).expect("backends") {
         let frame = twin.render(&case.state).expect("a frame");
         let allowed: Vec<[u8; 2]> = exact
             .iter()
@@ -116,14 +93,14 @@ fn an_image_larger_than_one_binding_is_cut_into_bands() {
         scene::sized(probe, effects, 4200, 4200),
         scene::straight(),
     );
-    let mut on_gpu = case.on(backend(gpu.clone()));
+    let mut on_gpu = case.on(backend(gpu.clone())).expect("the GPU");
     let bands = on_gpu
         .plan()
         .bands(on_gpu.tables(), gpu.limits().max_storage_buffer_binding_size);
     assert!(bands.len() > 1, "the image must not fit one binding: {bands:?}");
     let found = on_gpu.render(&case.state).expect("a frame").pixels.clone();
     drop(on_gpu);
-    let mut on_cpu = case.on(insonify::synth::Backend::Cpu);
+    let mut on_cpu = case.on(insonify::synth::Backend::Cpu).expect("the CPU");
     let expected = &on_cpu.render(&case.state).expect("a frame").pixels;
     let allowed: Vec<[u8; 2]> = expected
         .iter()

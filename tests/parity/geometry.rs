@@ -1,37 +1,8 @@
 //! Geometry: probe pose times a point of a ray.
 
 use crate::case::{Case, check_all};
-use crate::rounding::ULP;
 use crate::scenes;
-use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
-
-/// Losses of one term of a coordinate, in ULP of the term. Along the ray: the sample distance is stored (1/2) and
-/// multiplied (1), the ray is stored (1/2), the product (1) and the sum (1) rounded: 4. Then the matrix is stored (1/2),
-/// the product (1) and three sums (3) rounded.
-const TERM: f64 = 4.0 + 4.5;
-
-pub fn carry(step: &Step, slack: &mut Slack) {
-    slack.position = (0..step.lines() * step.samples())
-        .map(|index| position(step, index, 0.0))
-        .collect();
-    slack.torn = vec![false; slack.position.len()];
-    // The passes that follow overwrite what is left of the last frame; nothing is compared before they do.
-    slack.amplitude = vec![0.0; slack.position.len()];
-}
-
-/// Bound on the world position of a sample of the plane at elevation `z` mm.
-pub fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
-    let (line, sample) = step.place(index);
-    let [ox, oy, dx, dy] = step.tables.rays[line].map(f64::abs);
-    let along = step.tables.grid.sample_depth_mm(sample);
-    let matrix = &step.state.probe_to_world;
-    std::array::from_fn(|row| {
-        let m = |column: usize| matrix[(row, column)].abs();
-        let terms = m(0) * (ox + dx * along) + m(1) * (oy + dy * along) + m(2) * z.abs() + m(3);
-        TERM * ULP * terms
-    })
-}
 
 #[test]
 fn every_probe_shape() {

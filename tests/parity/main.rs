@@ -1,11 +1,8 @@
 //! Parity of the backends, pass by pass.
 //!
 //! The reference in double precision is the truth of these tests; its single-precision twin and the GPU must follow it to
-//! within rounding. How far rounding may carry them is not guessed: each effect has here, in the module of its name, a
-//! running error analysis that takes the bound before its pass to the bound after it. Nothing is excluded and no share of
-//! failures allowed. A label may differ only where the sample provably lies within rounding of a place where labels change.
-//!
-//! Each backend runs the whole chain of passes by itself: no result is carried from one to another.
+//! within rounding. How far rounding may carry them is not guessed: `insonify::study::parity` has a running error analysis of
+//! each effect, which takes the bound before a pass to the bound after it. Here are the scenes that put them to the test.
 
 #[path = "../mechanics/remesh/support.rs"]
 mod remesh_support;
@@ -13,9 +10,7 @@ mod remesh_support;
 mod support;
 
 mod case;
-mod rounding;
 mod scenes;
-mod slack;
 
 mod blur;
 mod frame;

@@ -98,7 +98,7 @@ pub fn ball() -> Anatomy {
 /// Three layers before a straight probe; no sample of the grids used comes near a boundary.
 pub fn flat_layers() -> Anatomy {
     anatomy::layers(
-        Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).wide(),
+        Frame::around([0.0, 60.0, 0.0], [3, 130, 3], 1.01).stretched([100.0, 1.0, 100.0]),
         &[3.37, 21.7, 44.9],
         &{
             let mut tissues = tissues();
@@ -110,21 +110,6 @@ pub fn flat_layers() -> Anatomy {
             tissues
         },
     )
-}
-
-impl Frame {
-    /// A hundred times as wide across as along the beam.
-    fn wide(mut self) -> Self {
-        for column in [0, 2] {
-            for row in 0..3 {
-                self.index_to_world[(row, column)] *= 100.0;
-            }
-        }
-        for row in [0, 2] {
-            self.index_to_world[(row, 3)] *= 100.0;
-        }
-        self
-    }
 }
 
 /// A probe at the rim of the volumes, turned about every axis.

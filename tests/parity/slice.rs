@@ -4,117 +4,12 @@
 use std::collections::BTreeSet;
 
 use insonify::effects::slice::Boundary;
-use insonify::synth::tables::Tables;
+use insonify::study::parity::possible_labels;
 
 use crate::case::{Case, check_all};
-use crate::rounding::ULP;
 use crate::scenes;
-use crate::slack::{Slack, Step};
 use crate::support::gpu::gpu_or_skip;
 use crate::support::scene;
-
-/// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
-const TERM: f64 = 4.5;
-
-/// Losses of a share of the votes: eight weights of two products each from fractions that lose one difference each, and
-/// up to seven sums, of weights that sum to 1.
-const SHARE: f64 = 2.0 + 3.0 + 7.0;
-
-pub fn carry(step: &Step, slack: &mut Slack) {
-    let echo = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].echo);
-    for index in 0..step.after.label.len() {
-        let (exact, twin) = (step.after.label[index], step.twin.label[index]);
-        if exact != twin && !slack.torn[index] {
-            let possible = possible_labels(step.tables, step.after.position[index], slack.position[index]);
-            let (line, sample) = step.place(index);
-            assert!(
-                possible.contains(&exact) && possible.contains(&twin),
-                "{}: line {line}, sample {sample}: label {twin} instead of {exact}; within rounding there are only {possible:?}",
-                step.case.name
-            );
-        }
-        slack.amplitude[index] = (echo(exact) - echo(twin)).abs();
-    }
-}
-
-/// The labels that rounding may give a sample at a reference position (with its flag) known to `off` mm.
-pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
-    if flag == 1.0 {
-        return BTreeSet::from([0]);
-    }
-    let matrix = tables.volume.world_to_index();
-    let size = tables.volume.size().map(|n| n as f64);
-    let p = [x, y, z];
-    let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
-    for row in 0..3 {
-        let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
-        let index = (0..3).map(|c| matrix[(row, c)] * p[c]).sum::<f64>() + matrix[(row, 3)];
-        let rounding = TERM * ULP * (terms(p) + matrix[(row, 3)].abs()) + ULP * (index.abs() + 0.5);
-        let off = terms(off) + rounding;
-        (low[row], high[row]) = (index - off, index + off);
-    }
-    let mut labels = BTreeSet::new();
-    if (0..3).any(|axis| low[axis] + 0.5 <= 0.0 || high[axis] + 0.5 >= size[axis]) {
-        labels.insert(0);
-    }
-    match tables.settings.effects.slice.boundary {
-        Boundary::Nearest => nearest(tables, low, high, &mut labels),
-        Boundary::Vote => vote(tables, low, high, &mut labels),
-    }
-    labels
-}
-
-/// Labels of the voxels whose cells the box of indices touches.
-fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
-    let size = tables.volume.size();
-    let range = |axis: usize| {
-        let [first, last] = [low[axis], high[axis]].map(|x| (x + 0.5).floor() as i64);
-        first.max(0)..=last.min(size[axis] as i64 - 1)
-    };
-    for k in range(2) {
-        for j in range(1) {
-            for i in range(0) {
-                labels.insert(tables.volume.voxels()[tables.volume.offset([i, j, k].map(|n| n as usize))]);
-            }
-        }
-    }
-}
-
-/// Labels whose share of the votes may be the largest somewhere in the box of indices. Shares are continuous across cells
-/// and change by at most 1 a voxel along each axis.
-fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
-    let index: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
-    let off: f64 = (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).sum();
-    let size = tables.volume.size();
-    if (0..3).any(|axis| high[axis] + 0.5 < 0.0 || low[axis] + 0.5 >= size[axis] as f64) {
-        return;
-    }
-    let mut shares = vec![0.0; tables.volume.labels().len()];
-    let mut reached = BTreeSet::new();
-    // Corners of all cells that the box touches: a corner without weight at the middle may have some at the edge.
-    let first: [i64; 3] = std::array::from_fn(|axis| low[axis].floor() as i64);
-    let last: [i64; 3] = std::array::from_fn(|axis| high[axis].floor() as i64 + 1);
-    for k in first[2]..=last[2] {
-        for j in first[1]..=last[1] {
-            for i in first[0]..=last[0] {
-                let corner = [i, j, k];
-                let weight: f64 = (0..3)
-                    .map(|axis| (1.0 - (index[axis] - corner[axis] as f64).abs()).max(0.0))
-                    .product();
-                let voxel = std::array::from_fn(|axis| corner[axis].clamp(0, size[axis] as i64 - 1) as usize);
-                let label = tables.volume.voxels()[tables.volume.offset(voxel)];
-                shares[usize::from(label)] += weight;
-                reached.insert(label);
-            }
-        }
-    }
-    let most = shares.iter().fold(0.0f64, |a, &b| a.max(b));
-    labels.extend(
-        reached
-            .iter()
-            .filter(|&&label| shares[usize::from(label)] >= most - 2.0 * (off + SHARE * ULP)),
-    );
-}
 
 #[test]
 fn random_labels_by_nearest_voxel_and_by_vote() {
@@ -160,7 +55,7 @@ fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
     // Positions, indices and shares of the votes are sums of few powers of two: exact in single precision, whatever the
     // rounding. Samples on voxel faces and votes that tie must then come out alike.
     let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
-    let gpu = gpu_or_skip("labels without rounding");
+    let gpus: Vec<_> = gpu_or_skip("labels without rounding").into_iter().collect();
     for boundary in [Boundary::Nearest, Boundary::Vote] {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 33, 160), scene::bare());
         settings.effects.slice.boundary = boundary;
@@ -170,8 +65,12 @@ fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
             settings,
             scene::straight(),
         );
-        let exact = case.exact().render_until("slice", &case.state).expect("a beam");
-        for mut twin in case.twins(gpu.as_ref()) {
+        let exact = case
+            .exact()
+            .expect("the reference")
+            .render_until("slice", &case.state)
+            .expect("a beam");
+        for mut twin in case.twins(&gpus).expect("backends") {
             let found = twin.render_until("slice", &case.state).expect("a beam");
             assert!(
                 found.position == exact.position,
@@ -187,7 +86,7 @@ fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
 fn far_samples_are_possible_labels_only_at_faces() {
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("proof", scenes::unit_voxels(), settings, scene::straight());
-    let exact = case.exact();
+    let exact = case.exact().expect("the reference");
     let tables = exact.tables();
     let off = [1e-6; 3];
     let middle = possible_labels(tables, [0.0, 20.0, 0.0, 0.0], off);

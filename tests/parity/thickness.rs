@@ -1,110 +1,12 @@
 //! Thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are followed as the
 //! central planes of probes moved along the elevation, and there every label that rounding allows counts.
 
-use insonify::effects::geometry::plane_step;
 use insonify::effects::slice::Boundary;
 use insonify::effects::thickness::Thickness;
-use nalgebra::{Matrix4, Vector3};
 
-use crate::case::{Case, Trail, check_all};
-use crate::rounding::{ROOT, ULP};
+use crate::case::{Case, check_all};
 use crate::scenes;
-use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
-use crate::{geometry, slice, texture, warp};
-
-/// Losses of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves them.
-const SUM: f64 = 11.5;
-
-pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(own) = &step.tables.settings.effects.thickness else {
-        panic!("{}: a thickness pass without thickness", step.case.name)
-    };
-    let mut squares = vec![0.0; slack.amplitude.len()];
-    for (plane, weight) in own.weights().enumerate() {
-        let offs = match plane {
-            0 => std::mem::take(&mut slack.amplitude),
-            _ => plane_slack(step, f64::from(plane_step(plane)) * own.plane_mm()),
-        };
-        for (square, off) in squares.iter_mut().zip(offs) {
-            *square += weight * off * off;
-        }
-    }
-    // A root of a weighted sum of squares is a norm: it moves by no more than the norm of what its terms move by.
-    let rounding = 0.5 * SUM * ULP + ROOT;
-    slack.amplitude = squares
-        .iter()
-        .zip(&step.after.amplitude)
-        .map(|(square, amplitude)| square.sqrt() + amplitude * rounding)
-        .collect();
-}
-
-/// Bounds on the amplitudes of the sub-plane at elevation `z` mm before the average.
-fn plane_slack(step: &Step, z: f64) -> Vec<f64> {
-    let mut case = step.case.clone();
-    case.settings.effects.thickness = None;
-    case.state.probe_to_world *= Matrix4::new_translation(&Vector3::new(0.0, 0.0, z));
-    let mut exact = case.exact();
-    let mut trail = Trail::of(&mut exact, &case.state);
-    let last = trail
-        .passes
-        .iter()
-        .position(|pass| *pass == "texture")
-        .or(trail.passes.iter().position(|pass| *pass == "slice"));
-    let last = last.expect("a slice pass");
-    let mut slack = Slack::default();
-    let empty = insonify::synth::layers::Beam::default();
-    for at in 0..=last {
-        // The reference stands in for the twin, whose labels nobody can read: where rounding could change a label, all that
-        // it could become count, in `doubt` below.
-        let own = Step {
-            case: step.case,
-            tables: exact.tables(),
-            state: step.state,
-            before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
-            after: &trail.beams[at],
-            twin: &trail.beams[at],
-        };
-        match trail.passes[at] {
-            "geometry" => {
-                geometry::carry(&own, &mut slack);
-                for index in 0..slack.position.len() {
-                    slack.position[index] = geometry::position(&own, index, z);
-                }
-            }
-            "warp" => {
-                warp::carry(&own, &mut slack);
-                slack.torn = warp::near_a_surface(&own, &slack);
-            }
-            "slice" => slice::carry(&own, &mut slack),
-            "texture" => texture::carry(&own, &mut slack),
-            other => panic!("unexpected pass {other} before thickness"),
-        }
-    }
-    doubt(exact.tables(), &trail.beams.swap_remove(last), &slack)
-}
-
-/// The bounds of `slack`, and where a label is in doubt the whole range of amplitudes.
-fn doubt(tables: &insonify::synth::tables::Tables, beam: &insonify::synth::layers::Beam, slack: &Slack) -> Vec<f64> {
-    let most = tables
-        .label_rows
-        .iter()
-        .map(|row| f64::from(row.echo))
-        .fold(0.0, f64::max);
-    let texture = tables
-        .atlas
-        .as_ref()
-        .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
-    let strength = tables.settings.effects.texture.as_ref().map_or(0.0, |own| own.strength);
-    let loudest = most * (1.0 + strength * texture);
-    (0..beam.label.len())
-        .map(|index| {
-            let sure = !slack.torn[index]
-                && slice::possible_labels(tables, beam.position[index], slack.position[index]).len() == 1;
-            if sure { slack.amplitude[index] } else { loudest }
-        })
-        .collect()
-}
 
 #[test]
 fn thick_planes_of_every_probe_shape() {

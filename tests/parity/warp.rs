@@ -1,244 +1,13 @@
 //! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
 //! rounding of it, and another side of the mesh's surface only within rounding of that surface.
 
+use insonify::mechanics::mesh::Displacement;
 use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
-use insonify::mechanics::mesh::{Displacement, NONE, TetMesh};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use crate::case::{Case, check_all};
-use crate::rounding::ULP;
 use crate::scenes;
-use crate::slack::{Slack, Step};
 use crate::support::scene::{self, SHAPES};
-
-/// Losses of one term of the map, in ULP: gradient stored (1/2), product (1), three sums (3).
-const TERM: f64 = 4.5;
-
-/// Slack of a barycentric coordinate in the locator, ULP a unit of (1 + aspect), and of the point, ULP of the largest
-/// coordinate over the least height (the constants of the locator, argued there, of 16 and 2 epsilons; an epsilon is 1 ULP),
-/// with as much again for the rounding of the coordinate that is tested.
-const COORDINATE: f64 = 2.0 * 16.0;
-const POINT: f64 = 2.0 * 2.0;
-
-/// Bound on each coordinate of a vector (mm, world) that the element of a sample carries to the reference state: what a twin
-/// in another element makes of it, and the rounding of the map.
-pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
-    let Some(mesh) = step.tables.anatomy.mesh.as_deref() else {
-        return [0.0; 3];
-    };
-    let nodes = current(step, mesh);
-    let [exact, twin] = [step.before, step.twin].map(|beam| {
-        let element = beam.element[index];
-        (element != NONE).then(|| Tetrahedron::new(mesh, nodes, reference(step, mesh), element))
-    });
-    let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
-    let apart = carried(&exact) - carried(&twin);
-    std::array::from_fn(|row| {
-        let rounding = twin.as_ref().map_or(0.0, |element| {
-            // Nodes are stored in single precision: each edge is off by ULP times the largest coordinate at most, and the
-            // map by itself times that over the least height. Then gradient stored (1/2), product (1), two sums (2).
-            let stored = 3.0 * 3f64.sqrt() * ULP * element.largest / element.least_height;
-            (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
-        });
-        apart[row].abs() + rounding
-    })
-}
-
-/// One tetrahedron in its two states.
-struct Tetrahedron {
-    corner: Vector3<f64>,
-    /// World offset from the corner to the last three barycentric coordinates.
-    to_bary: Matrix3<f64>,
-    /// World offset to reference offset.
-    gradient: Matrix3<f64>,
-    reference: Vector3<f64>,
-    diameter: f64,
-    least_height: f64,
-    largest: f64,
-}
-
-impl Tetrahedron {
-    fn new(mesh: &TetMesh, current: &[[f64; 3]], reference: &[[f64; 3]], element: u32) -> Self {
-        let corners = mesh.elements()[element as usize].map(|node| node as usize);
-        let edges = |nodes: &[[f64; 3]]| {
-            let [a, b, c, d] = corners.map(|node| Vector3::from(nodes[node]));
-            Matrix3::from_columns(&[b - a, c - a, d - a])
-        };
-        let (now, then) = (edges(current), edges(reference));
-        let to_bary = now.try_inverse().expect("an element with a volume");
-        let points = corners.map(|node| Vector3::from(current[node]));
-        let mut diameter = 0.0f64;
-        for a in points {
-            for b in points {
-                diameter = diameter.max((a - b).norm());
-            }
-        }
-        // The gradient of a coordinate is one over its height.
-        let rows = [0, 1, 2].map(|row| to_bary.row(row).transpose());
-        let first = -(rows[0] + rows[1] + rows[2]);
-        let steepest = rows.iter().chain([&first]).fold(0.0f64, |a, row| a.max(row.norm()));
-        Self {
-            corner: points[0],
-            to_bary,
-            gradient: then * to_bary,
-            reference: Vector3::from(reference[corners[0]]),
-            diameter,
-            least_height: 1.0 / steepest,
-            largest: points
-                .iter()
-                .flat_map(|point| point.iter().copied())
-                .fold(0.0f64, |a, x| a.max(x.abs())),
-        }
-    }
-
-    fn least_coordinate(&self, p: Vector3<f64>) -> f64 {
-        let b = self.to_bary * (p - self.corner);
-        b.min().min(1.0 - b.sum())
-    }
-
-    fn map(&self, p: Vector3<f64>) -> Vector3<f64> {
-        self.reference + self.gradient * (p - self.corner)
-    }
-
-    /// How far below zero a twin may see the least coordinate of a point that it knows to `off` mm, and hold the point yet.
-    fn coordinate_slack(&self, off: f64) -> f64 {
-        let aspect = 1.0 + self.diameter / self.least_height;
-        (COORDINATE * aspect + POINT * self.largest / self.least_height) * ULP + off / self.least_height
-    }
-
-    /// Bound on each coordinate of the mapped position, for a point known to `off` mm.
-    fn map_slack(&self, p: Vector3<f64>, off: [f64; 3]) -> [f64; 3] {
-        let d = p - self.corner;
-        std::array::from_fn(|row| {
-            let g = |c: usize| self.gradient[(row, c)].abs();
-            // The nodes are stored in single precision; a point inside moves with the average of them.
-            let moved: f64 = (0..3)
-                .map(|c| g(c) * (off[c] + 0.5 * ULP * self.largest + ULP * d[c].abs()))
-                .sum();
-            let rounded: f64 = (0..3).map(|c| TERM * ULP * g(c) * d[c].abs()).sum();
-            moved + rounded + 1.5 * ULP * self.reference[row].abs()
-        })
-    }
-}
-
-fn current<'a>(step: &'a Step, mesh: &'a TetMesh) -> &'a [[f64; 3]] {
-    step.state.nodes.as_deref().unwrap_or(mesh.nodes())
-}
-
-fn reference<'a>(step: &'a Step, mesh: &'a TetMesh) -> &'a [[f64; 3]] {
-    step.state.reference.as_deref().unwrap_or(mesh.nodes())
-}
-
-fn mesh<'a>(step: &'a Step) -> &'a TetMesh {
-    step.tables.anatomy.mesh.as_deref().expect("a warp pass has a mesh")
-}
-
-fn place(position: [f64; 4]) -> Vector3<f64> {
-    Vector3::new(position[0], position[1], position[2])
-}
-
-pub fn carry(step: &Step, slack: &mut Slack) {
-    let mesh = mesh(step);
-    let (current, reference) = (current(step, mesh), reference(step, mesh));
-    for index in 0..step.after.position.len() {
-        let (exact, twin) = (step.after.element[index], step.twin.element[index]);
-        let world = place(step.before.position[index]);
-        let off = slack.position[index];
-        let reach = off.iter().fold(0.0f64, |a, &b| a.max(b)) * 3f64.sqrt();
-        let flags = [step.after, step.twin].map(|beam| beam.position[index][3]);
-        let whole = || {
-            let (line, sample) = step.place(index);
-            format!("{}: line {line}, sample {sample} at {world:?}", step.case.name)
-        };
-        if exact != NONE && twin != NONE {
-            let [exact, twin] = [exact, twin].map(|element| Tetrahedron::new(mesh, current, reference, element));
-            let least = twin.least_coordinate(world);
-            let allowed = twin.coordinate_slack(reach);
-            assert!(
-                least >= -allowed,
-                "{}: outside the element by {least}, at most {allowed} by rounding",
-                whole()
-            );
-            let (chosen, other) = (twin.map(world), exact.map(world));
-            let rounding = twin.map_slack(world, off);
-            slack.position[index] = std::array::from_fn(|axis| (chosen[axis] - other[axis]).abs() + rounding[axis]);
-        } else if exact != twin {
-            let far = surface_distance(mesh, current, world);
-            let allowed = surface_slack(mesh, current, world, reach);
-            assert!(
-                far <= allowed,
-                "{}: {far} mm from the surface, at most {allowed} by rounding",
-                whole()
-            );
-            slack.torn[index] = true;
-        } else if flags[0] != flags[1] {
-            let far = surface_distance(mesh, reference, world);
-            let allowed = surface_slack(mesh, reference, world, reach);
-            assert!(
-                far <= allowed,
-                "{}: {far} mm from the reference surface, at most {allowed}",
-                whole()
-            );
-            slack.torn[index] = true;
-        }
-    }
-}
-
-/// Samples so near to a surface of the mesh, deformed or not, that rounding may put them on the other side.
-pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
-    let mesh = mesh(step);
-    let near = |nodes: &[[f64; 3]], p: Vector3<f64>, reach: f64| {
-        surface_distance(mesh, nodes, p) <= surface_slack(mesh, nodes, p, reach)
-    };
-    (0..step.before.position.len())
-        .map(|index| {
-            let world = place(step.before.position[index]);
-            let reach = slack.position[index].iter().fold(0.0f64, |a, &b| a.max(b)) * 3f64.sqrt();
-            near(current(step, mesh), world, reach) || near(reference(step, mesh), world, reach)
-        })
-        .collect()
-}
-
-/// The largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
-fn surface_slack(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>, off: f64) -> f64 {
-    let worst = (0..mesh.elements().len() as u32)
-        .map(|element| Tetrahedron::new(mesh, nodes, nodes, element))
-        .filter(|element| (element.corner - p).norm() <= 2.0 * element.diameter)
-        .map(|element| (element.coordinate_slack(off) * element.diameter, element.largest))
-        .fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
-    worst.0 + 0.5 * ULP * worst.1
-}
-
-/// Distance from a point to the boundary faces of the mesh, mm.
-fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 {
-    let mut nearest = f64::INFINITY;
-    for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for opposite in (0..4).filter(|&corner| neighbours[corner] == NONE) {
-            let face: Vec<Vector3<f64>> = (0..4)
-                .filter(|&c| c != opposite)
-                .map(|c| Vector3::from(nodes[corners[c] as usize]))
-                .collect();
-            nearest = nearest.min(triangle_distance([face[0], face[1], face[2]], p));
-        }
-    }
-    nearest
-}
-
-/// Distance from a point to a triangle: to its plane if it projects inside, else to the nearest of its edges.
-fn triangle_distance([a, b, c]: [Vector3<f64>; 3], p: Vector3<f64>) -> f64 {
-    let normal = (b - a).cross(&(c - a)).normalize();
-    let inside = [(a, b), (b, c), (c, a)]
-        .iter()
-        .all(|(from, to)| (to - from).cross(&(p - from)).dot(&normal) >= 0.0);
-    if inside {
-        return (p - a).dot(&normal).abs();
-    }
-    let edge = |from: Vector3<f64>, to: Vector3<f64>| {
-        let along = ((p - from).dot(&(to - from)) / (to - from).norm_squared()).clamp(0.0, 1.0);
-        (from + along * (to - from) - p).norm()
-    };
-    edge(a, b).min(edge(b, c)).min(edge(c, a))
-}
 
 #[test]
 fn pressed_tissue_under_every_probe_shape() {
@@ -295,7 +64,7 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
         scene::settings(scene::small_probe(), scene::bare()),
         state,
     );
-    let mut exact = case.exact();
+    let mut exact = case.exact().expect("the reference");
     let world = exact.render_until("geometry", &case.state).expect("positions");
     let warped = exact.render_until("warp", &case.state).expect("positions");
     let (mut mapped, mut background) = (0, 0);
@@ -306,7 +75,7 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
             let moved =
                 Point3::new(after[0], after[1], after[2]) + Vector3::from(shear.apply([after[0], after[1], after[2]]));
             assert!(
-                (moved.coords - place(*before)).norm() < 1e-11,
+                (moved.coords - Vector3::new(before[0], before[1], before[2])).norm() < 1e-11,
                 "{before:?} came from {after:?}"
             );
             assert!(

@@ -102,7 +102,7 @@ fn the_background_is_where_the_moved_reference_mesh_was() {
     let (anatomy, state) = moved(shrunk, &away);
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("shrunk", anatomy, settings, state);
-    let mut exact = case.exact();
+    let mut exact = case.exact().expect("the reference");
     let world = exact.render_until("geometry", &case.state).expect("positions");
     let warped = exact.render_until("warp", &case.state).expect("positions");
     let reference = case.state.reference.as_ref().expect("reference nodes");
@@ -141,7 +141,7 @@ fn under_an_affine_map_remeshing_changes_nothing() {
     let (_, state) = moved(|mesh| remeshed(mesh, 2.0, 2), &affine());
     assert_ne!(plain.reference, state.reference);
     let case = Case::new("affine", anatomy, settings, state);
-    let mut exact = case.exact();
+    let mut exact = case.exact().expect("the reference");
     for pass in ["warp", "speckle_lateral", "tone"] {
         let [expected, found] = [&plain, &case.state].map(|state| exact.render_until(pass, state).expect("a beam"));
         assert_eq!(found.label, expected.label, "{pass}");
@@ -228,8 +228,9 @@ fn reference_nodes_that_are_not_finite_leave_out_their_elements_alone() {
     state.reference.as_mut().expect("reference nodes")[lost] = [f64::NAN, 0.0, f64::INFINITY];
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("lost", anatomy, settings, state);
-    let mut synthesizers = vec![case.exact()];
-    synthesizers.extend(case.twins(gpu_or_skip("a lost reference node").as_ref()));
+    let gpus: Vec<_> = gpu_or_skip("a lost reference node").into_iter().collect();
+    let mut synthesizers = vec![case.exact().expect("the reference")];
+    synthesizers.extend(case.twins(&gpus).expect("backends"));
     for mut synthesizer in synthesizers {
         let expected = synthesizer.render_until("warp", &whole).expect("positions");
         let found = synthesizer.render_until("warp", &case.state).expect("positions");
@@ -257,8 +258,9 @@ fn a_wrong_number_of_reference_nodes_is_refused_and_leaves_everything_as_it_was(
     let count = anatomy.mesh.as_ref().expect("a mesh").nodes().len();
     let settings = scene::settings(scene::small_probe(), scene::bare());
     let case = Case::new("too few", anatomy, settings, state);
-    let mut synthesizers = vec![case.exact()];
-    synthesizers.extend(case.twins(gpu_or_skip("too few reference nodes").as_ref()));
+    let gpus: Vec<_> = gpu_or_skip("too few reference nodes").into_iter().collect();
+    let mut synthesizers = vec![case.exact().expect("the reference")];
+    synthesizers.extend(case.twins(&gpus).expect("backends"));
     for mut synthesizer in synthesizers {
         let before = synthesizer.render(&case.state).expect("a frame").clone();
         let mut bad = case.state.clone();

@@ -1,7 +1,7 @@
 //! What the test binaries share: small analytic anatomies, scene settings, a GPU or a visible skip, image comparison.
 #![allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 
-pub mod anatomy;
+pub use insonify::study::anatomies as anatomy;
 pub mod gpu;
 pub mod image;
 pub mod scene;

@@ -1,24 +1,30 @@
-//! Labelled volumes with closed forms. World millimetres; a probe at the identity pose looks from the origin along +y.
+//! Labelled volumes with closed forms, for measurements and tests. World millimetres; a probe at the identity pose looks from the origin
+//! along +y.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use insonify::mechanics::mesh::TetMesh;
-use insonify::random::hash3;
-use insonify::synth::tables::Anatomy;
-use insonify::tissue::{Tissue, TissueTable, presets};
-use insonify::volume::texture::SolidTexture;
-use insonify::volume::{Label, LabelVolume};
+use crate::mechanics::mesh::TetMesh;
+use crate::random::hash3;
+use crate::synth::tables::Anatomy;
+use crate::tissue::{Tissue, TissueTable, presets};
+use crate::volume::texture::SolidTexture;
+use crate::volume::{Label, LabelVolume};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
-/// Acoustics of a test tissue.
-#[derive(Clone, Copy)]
+/// Acoustics of one label.
+#[derive(Clone, Copy, Debug)]
 pub struct Acoustics {
+    /// Mean echo, dB.
     pub echo_db: f64,
+    /// One-way attenuation, dB/cm/MHz.
     pub attenuation_db_cm_mhz: f64,
+    /// Occlusion per mm (0 to 1).
     pub occlusion_per_mm: f64,
+    /// Acoustic impedance, MRayl.
     pub impedance_mrayl: f64,
+    /// Name of a texture.
     pub texture: Option<&'static str>,
 }
 
@@ -52,9 +58,11 @@ fn tissue(index: usize, acoustics: Acoustics) -> Tissue {
 }
 
 /// Where the voxels of a volume lie.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Frame {
+    /// Voxels along each axis, 1 or more.
     pub size: [usize; 3],
+    /// Voxel index to world, mm.
     pub index_to_world: Matrix4<f64>,
 }
 
@@ -87,6 +95,12 @@ impl Frame {
         Self { index_to_world, ..self }
     }
 
+    /// The same voxels, stretched about the origin of the world along its axes.
+    pub fn stretched(self, factors: [f64; 3]) -> Self {
+        let index_to_world = Matrix4::new_nonuniform_scaling(&Vector3::from(factors)) * self.index_to_world;
+        Self { index_to_world, ..self }
+    }
+
     /// World box that holds every voxel, mm.
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -104,6 +118,9 @@ impl Frame {
 
 /// An anatomy whose label at each voxel is `label(world position of its centre)`; label 0 is the background, and label `i`
 /// has the acoustics `tissues[i]`.
+///
+/// # Panics
+/// If the frame is empty or singular.
 pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -> Anatomy {
     let [nx, ny, nz] = frame.size;
     let mut voxels = Vec::with_capacity(nx * ny * nz);
@@ -165,6 +182,9 @@ pub fn ball(frame: Frame, centre: [f64; 3], radius: f64, tissues: &[Acoustics]) 
 }
 
 /// Labels drawn anew at every voxel, so that every sample is near some boundary.
+///
+/// # Panics
+/// As [`of`].
 pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
     let to_index = frame.index_to_world.try_inverse().expect("an invertible frame");
     of(frame, tissues, |p| {
@@ -175,15 +195,21 @@ pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
 }
 
 /// A texture of hashed amplitudes with axes of different length and spacing.
+///
+/// # Panics
+/// Never: its amplitudes are above zero.
 pub fn hashed_texture() -> Arc<SolidTexture> {
     let size = [9, 8, 7];
     let data = (0..size.iter().product::<usize>())
-        .map(|at| 0.25 + insonify::random::unit(hash3([at as i32, 3, 5], [8, 13])[0]))
+        .map(|at| 0.25 + crate::random::unit(hash3([at as i32, 3, 5], [8, 13])[0]))
         .collect();
     Arc::new(SolidTexture::new(size, [1.1, 0.9, 1.4], data).expect("a texture"))
 }
 
 /// Gives an anatomy a mesh of about `nodes` nodes over a box, mm.
+///
+/// # Panics
+/// If the box is empty.
 pub fn with_mesh(mut anatomy: Anatomy, [min, max]: [[f64; 3]; 2], nodes: usize) -> Anatomy {
     anatomy.mesh = Some(Arc::new(TetMesh::over_box(min, max, nodes).expect("a mesh")));
     anatomy

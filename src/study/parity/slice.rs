@@ -1,0 +1,114 @@
+//! Slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding of
+//! a place where the label changes.
+
+use std::collections::BTreeSet;
+
+use crate::effects::slice::Boundary;
+use crate::synth::tables::Tables;
+
+use super::rounding::ULP;
+use super::slack::{Slack, Step};
+
+/// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
+const TERM: f64 = 4.5;
+
+/// Losses of a share of the votes: eight weights of two products each from fractions that lose one difference each, and
+/// up to seven sums, of weights that sum to 1.
+const SHARE: f64 = 2.0 + 3.0 + 7.0;
+
+pub fn carry(step: &Step, slack: &mut Slack) {
+    let echo = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].echo);
+    for index in 0..step.after.label.len() {
+        let (exact, twin) = (step.after.label[index], step.twin.label[index]);
+        if exact != twin && !slack.torn[index] {
+            let possible = possible_labels(step.tables, step.after.position[index], slack.position[index]);
+            let (line, sample) = step.place(index);
+            slack.labels_apart += 1;
+            if !(possible.contains(&exact) && possible.contains(&twin)) {
+                slack.fault(format!(
+                    "line {line}, sample {sample}: label {twin} instead of {exact}; within rounding there are only {possible:?}"
+                ));
+            }
+        }
+        slack.amplitude[index] = (echo(exact) - echo(twin)).abs();
+    }
+}
+
+/// The labels that rounding may give a sample at a reference position (with its flag) known to `off` mm.
+pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
+    if flag == 1.0 {
+        return BTreeSet::from([0]);
+    }
+    let matrix = tables.volume.world_to_index();
+    let size = tables.volume.size().map(|n| n as f64);
+    let p = [x, y, z];
+    let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
+    for row in 0..3 {
+        let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
+        let index = (0..3).map(|c| matrix[(row, c)] * p[c]).sum::<f64>() + matrix[(row, 3)];
+        let rounding = TERM * ULP * (terms(p) + matrix[(row, 3)].abs()) + ULP * (index.abs() + 0.5);
+        let off = terms(off) + rounding;
+        (low[row], high[row]) = (index - off, index + off);
+    }
+    let mut labels = BTreeSet::new();
+    if (0..3).any(|axis| low[axis] + 0.5 <= 0.0 || high[axis] + 0.5 >= size[axis]) {
+        labels.insert(0);
+    }
+    match tables.settings.effects.slice.boundary {
+        Boundary::Nearest => nearest(tables, low, high, &mut labels),
+        Boundary::Vote => vote(tables, low, high, &mut labels),
+    }
+    labels
+}
+
+/// Labels of the voxels whose cells the box of indices touches.
+fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
+    let size = tables.volume.size();
+    let range = |axis: usize| {
+        let [first, last] = [low[axis], high[axis]].map(|x| (x + 0.5).floor() as i64);
+        first.max(0)..=last.min(size[axis] as i64 - 1)
+    };
+    for k in range(2) {
+        for j in range(1) {
+            for i in range(0) {
+                labels.insert(tables.volume.voxels()[tables.volume.offset([i, j, k].map(|n| n as usize))]);
+            }
+        }
+    }
+}
+
+/// Labels whose share of the votes may be the largest somewhere in the box of indices. Shares are continuous across cells
+/// and change by at most 1 a voxel along each axis.
+fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
+    let index: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
+    let off: f64 = (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).sum();
+    let size = tables.volume.size();
+    if (0..3).any(|axis| high[axis] + 0.5 < 0.0 || low[axis] + 0.5 >= size[axis] as f64) {
+        return;
+    }
+    let mut shares = vec![0.0; tables.volume.labels().len()];
+    let mut reached = BTreeSet::new();
+    // Corners of all cells that the box touches: a corner without weight at the middle may have some at the edge.
+    let first: [i64; 3] = std::array::from_fn(|axis| low[axis].floor() as i64);
+    let last: [i64; 3] = std::array::from_fn(|axis| high[axis].floor() as i64 + 1);
+    for k in first[2]..=last[2] {
+        for j in first[1]..=last[1] {
+            for i in first[0]..=last[0] {
+                let corner = [i, j, k];
+                let weight: f64 = (0..3)
+                    .map(|axis| (1.0 - (index[axis] - corner[axis] as f64).abs()).max(0.0))
+                    .product();
+                let voxel = std::array::from_fn(|axis| corner[axis].clamp(0, size[axis] as i64 - 1) as usize);
+                let label = tables.volume.voxels()[tables.volume.offset(voxel)];
+                shares[usize::from(label)] += weight;
+                reached.insert(label);
+            }
+        }
+    }
+    let most = shares.iter().fold(0.0f64, |a, &b| a.max(b));
+    labels.extend(
+        reached
+            .iter()
+            .filter(|&&label| shares[usize::from(label)] >= most - 2.0 * (off + SHARE * ULP)),
+    );
+}

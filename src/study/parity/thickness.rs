@@ -1,0 +1,111 @@
+//! Thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are followed as the
+//! central planes of probes moved along the elevation, and there every label that rounding allows counts.
+
+use crate::effects::geometry::plane_step;
+use nalgebra::{Matrix4, Vector3};
+
+use super::rounding::{ROOT, ULP};
+use super::slack::{Slack, Step};
+use super::{Trail, geometry, slice, texture, warp};
+use crate::synth::SynthError;
+use crate::synth::layers::Beam;
+use crate::synth::tables::Tables;
+
+/// Losses of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves them.
+const SUM: f64 = 11.5;
+
+pub fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
+    let Some(own) = &step.tables.settings.effects.thickness else {
+        slack.fault("a thickness pass without thickness");
+        return Ok(());
+    };
+    let mut squares = vec![0.0; slack.amplitude.len()];
+    for (plane, weight) in own.weights().enumerate() {
+        let offs = match plane {
+            0 => std::mem::take(&mut slack.amplitude),
+            _ => plane_slack(step, f64::from(plane_step(plane)) * own.plane_mm(), slack)?,
+        };
+        for (square, off) in squares.iter_mut().zip(offs) {
+            *square += weight * off * off;
+        }
+    }
+    // A root of a weighted sum of squares is a norm: it moves by no more than the norm of what its terms move by.
+    let rounding = 0.5 * SUM * ULP + ROOT;
+    slack.amplitude = squares
+        .iter()
+        .zip(&step.after.amplitude)
+        .map(|(square, amplitude)| square.sqrt() + amplitude * rounding)
+        .collect();
+    Ok(())
+}
+
+/// Bounds on the amplitudes of the sub-plane at elevation `z` mm before the average.
+fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, SynthError> {
+    let mut case = step.case.clone();
+    case.settings.effects.thickness = None;
+    case.state.probe_to_world *= Matrix4::new_translation(&Vector3::new(0.0, 0.0, z));
+    let mut exact = case.exact()?;
+    let mut trail = Trail::of(&mut exact, &case.state)?;
+    let last = trail
+        .passes
+        .iter()
+        .position(|pass| *pass == "texture")
+        .or(trail.passes.iter().position(|pass| *pass == "slice"));
+    let Some(last) = last else {
+        outer.fault("a thickness pass without a slice");
+        return Ok(outer.amplitude.clone());
+    };
+    let mut slack = Slack::default();
+    let empty = Beam::default();
+    for at in 0..=last {
+        // The reference stands in for the twin, whose labels nobody can read: where rounding could change a label, all that
+        // it could become count, in `doubt` below.
+        let own = Step {
+            case: step.case,
+            tables: exact.tables(),
+            state: step.state,
+            before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
+            after: &trail.beams[at],
+            twin: &trail.beams[at],
+        };
+        match trail.passes[at] {
+            "geometry" => {
+                geometry::carry(&own, &mut slack);
+                for index in 0..slack.position.len() {
+                    slack.position[index] = geometry::position(&own, index, z);
+                }
+            }
+            "warp" => {
+                warp::carry(&own, &mut slack);
+                slack.torn = warp::near_a_surface(&own, &slack);
+            }
+            "slice" => slice::carry(&own, &mut slack),
+            "texture" => texture::carry(&own, &mut slack),
+            other => slack.fault(format!("unexpected pass {other} before thickness")),
+        }
+    }
+    outer.faults.append(&mut slack.faults);
+    Ok(doubt(exact.tables(), &trail.beams.swap_remove(last), &slack))
+}
+
+/// The bounds of `slack`, and where a label is in doubt the whole range of amplitudes.
+fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
+    let most = tables
+        .label_rows
+        .iter()
+        .map(|row| f64::from(row.echo))
+        .fold(0.0, f64::max);
+    let texture = tables
+        .atlas
+        .as_ref()
+        .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
+    let strength = tables.settings.effects.texture.as_ref().map_or(0.0, |own| own.strength);
+    let loudest = most * (1.0 + strength * texture);
+    (0..beam.label.len())
+        .map(|index| {
+            let sure = !slack.torn[index]
+                && slice::possible_labels(tables, beam.position[index], slack.position[index]).len() == 1;
+            if sure { slack.amplitude[index] } else { loudest }
+        })
+        .collect()
+}
