@@ -52,7 +52,7 @@ impl Default for Shadow {
 pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
 /// Most that one sample may take, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
-const MOST_PER_SAMPLE_DB: f64 = 256.0;
+pub const MOST_PER_SAMPLE_DB: f64 = 256.0;
 
 /// Where the running sum saturates: 2^31 - 1 units, 2,048 dB.
 pub const MOST_UNITS: u32 = 0x7fff_ffff;

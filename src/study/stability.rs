@@ -14,9 +14,11 @@
 //! | `remeshing` | remeshing and constraints |
 //! | `contact` | contact, needle, time |
 //! | `memory` | fading memory, stiffening at a knee |
+//! | `images` | images |
 
 pub mod case;
 mod contact;
+mod images;
 mod memory;
 pub mod record;
 mod remeshing;
@@ -32,7 +34,13 @@ pub use report::{CaseReport, Report};
 use super::machine::Machine;
 
 /// Every group, in the order in which it is shown.
-pub const GROUPS: &[Group] = &[solving::GROUP, remeshing::GROUP, contact::GROUP, memory::GROUP];
+pub const GROUPS: &[Group] = &[
+    solving::GROUP,
+    remeshing::GROUP,
+    contact::GROUP,
+    memory::GROUP,
+    images::GROUP,
+];
 
 /// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
 pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {

@@ -38,6 +38,11 @@ fn fading_memory_holds() {
 }
 
 #[test]
+fn images_hold() {
+    check("Images");
+}
+
+#[test]
 fn every_group_is_tested() {
     let names: Vec<&str> = GROUPS.iter().map(|group| group.name).collect();
     assert_eq!(
@@ -46,7 +51,8 @@ fn every_group_is_tested() {
             "Elements, solvers, inverse",
             "Remeshing and constraints",
             "Contact, needle, time",
-            "Fading memory"
+            "Fading memory",
+            "Images"
         ],
         "a test for each, please"
     );

@@ -1,0 +1,87 @@
+//! Images.
+
+mod attenuation;
+mod blurring;
+mod broken;
+mod curve;
+mod drawn;
+mod faces;
+mod far;
+mod grain;
+mod hashes;
+mod random;
+mod setup;
+
+use super::case::{Case, Group};
+
+/// On every backend: both precisions of the reference, and each GPU that the machine has.
+const ALL: &[&str] = &["cpu f64", "cpu f32", "every gpu"];
+
+/// The cases.
+pub const GROUP: Group = Group {
+    name: "Images",
+    cases: &[
+        Case {
+            name: "samples on voxel faces",
+            criterion: "samples on faces, edges and corners, planes between two layers: where nothing rounds the same labels on all backends, \
+                        elsewhere within rounding of a face, sample by sample",
+            covers: ALL,
+            seed: 101,
+            run: faces::on_faces,
+        },
+        Case {
+            name: "far from the origin",
+            criterion: "probe 1e5 mm from the origin, voxels of 1e-3 and 1e3 mm: places and label boundaries within a tenth of a sample of \
+                        double precision",
+            covers: ALL,
+            seed: 102,
+            run: far::away,
+        },
+        Case {
+            name: "tone at its ends",
+            criterion: "echoes of 0, 1e-45 to 1e10, gain to +-200 dB: no NaN, grey levels monotone to rounding; dynamic ranges of 1 and \
+                        200 dB refused",
+            covers: ALL,
+            seed: 103,
+            run: curve::ends,
+        },
+        Case {
+            name: "attenuation without bound",
+            criterion: "0 to 1e6 dB/cm over 8,192 samples: transmittance monotone, never negative, underflow to black; Beer and Lambert to the \
+                        fixed point's rounding",
+            covers: ALL,
+            seed: 104,
+            run: attenuation::any,
+        },
+        Case {
+            name: "blur of any width",
+            criterion: "width 0 is the identity; one sample wide the impulse response is the kernel; wider than the sector the energy is kept",
+            covers: ALL,
+            seed: 105,
+            run: blurring::any,
+        },
+        Case {
+            name: "broken meshes",
+            criterion: "inverted, flat, overlapping elements and nodes that are no number: everything defined, counted once an update, the \
+                        rest of the image as without them",
+            covers: ALL,
+            seed: 106,
+            run: broken::meshes,
+        },
+        Case {
+            name: "speckle of any seed and frame",
+            criterion: "seeds 0 and 2^64-1, 1e4 frames: amplitudes stay Rayleigh, noise Gaussian, and hashes equal bit for bit",
+            covers: ALL,
+            seed: 107,
+            run: grain::any,
+        },
+        Case {
+            name: "random scenes",
+            criterion: "100 scenes: every backend within rounding of double precision after every pass; labels differ only within rounding of \
+                        a voxel face, proven sample by sample",
+            covers: ALL,
+            seed: 108,
+            run: random::scenes,
+        },
+    ],
+};

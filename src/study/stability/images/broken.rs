@@ -1,0 +1,209 @@
+//! Meshes that no mechanics should hand over.
+
+use super::super::record::{Record, Unexpected};
+use super::setup::{everywhere, gpus, name, settings, straight};
+use crate::effects::{Effects, slice::Boundary};
+use crate::mechanics::mesh::locator::{Locator, LocatorReport};
+use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::real::Real;
+use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::synth::FrameState;
+use crate::synth::layers::Beam;
+use crate::synth::tables::Anatomy;
+use crate::tracking::probe::ProbeShape;
+
+/// A mesh in a state that is wrong somewhere.
+struct Broken {
+    what: &'static str,
+    nodes: Vec<[f64; 3]>,
+    /// What an update must find, in elements.
+    report: LocatorReport,
+}
+
+fn anatomy(seed: u64) -> Result<Anatomy, Unexpected> {
+    let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
+    let mut anatomy = anatomies::random(
+        Frame::around([0.0, 20.0, 0.0], [48; 3], 1.0),
+        &[SILENT, tissue(0.0), tissue(6.0), tissue(-6.0)],
+        seed as u32,
+    );
+    // Two blocks that share nothing, 1 mm apart.
+    let blocks = [
+        [[-14.0, 6.0, -8.0], [-0.5, 34.0, 8.0]],
+        [[0.5, 6.0, -8.0], [14.0, 34.0, 8.0]],
+    ];
+    let (mut nodes, mut elements): (Vec<[f64; 3]>, Vec<[u32; 4]>) = (Vec::new(), Vec::new());
+    for [low, high] in blocks {
+        let block = TetMesh::over_box(low, high, 150)?;
+        let first = nodes.len() as u32;
+        nodes.extend_from_slice(block.nodes());
+        elements.extend(
+            block
+                .elements()
+                .iter()
+                .map(|corners| corners.map(|corner| corner + first)),
+        );
+    }
+    let regions = vec![0; elements.len()];
+    anatomy.mesh = Some(std::sync::Arc::new(TetMesh::new(nodes, elements, regions)?));
+    Ok(anatomy)
+}
+
+/// The node nearest to a point.
+fn nearest(mesh: &TetMesh, p: [f64; 3]) -> usize {
+    let square = |node: &[f64; 3]| (0..3).map(|axis| (node[axis] - p[axis]).powi(2)).sum::<f64>();
+    let nodes = mesh.nodes().iter().enumerate();
+    nodes
+        .min_by(|a, b| square(a.1).total_cmp(&square(b.1)))
+        .map_or(0, |(at, _)| at)
+}
+
+/// What is wrong in turn: a node pushed through its neighbours, one moved into the face across, one block in the other, nodes that
+/// are no places.
+fn states(mesh: &TetMesh) -> Vec<Broken> {
+    let inner = nearest(mesh, [-7.0, 20.0, 0.0]);
+    let with = |what, change: &dyn Fn(&mut Vec<[f64; 3]>)| {
+        let mut nodes = mesh.nodes().to_vec();
+        change(&mut nodes);
+        let mut report = LocatorReport::default();
+        for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(&nodes)) {
+            let finite = corners
+                .iter()
+                .all(|&corner| nodes[corner as usize].iter().all(|x| x.is_finite()));
+            report.not_finite += usize::from(!finite);
+            report.inverted += usize::from(finite && volume < -1e-9);
+            report.flat += usize::from(finite && volume.abs() <= 1e-9);
+        }
+        Broken { what, nodes, report }
+    };
+    let flattened = |nodes: &mut Vec<[f64; 3]>| {
+        let corners = mesh.elements().iter().find(|corners| corners.contains(&(inner as u32)));
+        let Some(corners) = corners else { return };
+        let others: Vec<[f64; 3]> = corners
+            .iter()
+            .filter(|&&corner| corner as usize != inner)
+            .map(|&corner| mesh.nodes()[corner as usize])
+            .collect();
+        nodes[inner] = std::array::from_fn(|axis| others.iter().map(|node| node[axis]).sum::<f64>() / 3.0);
+    };
+    let half = mesh.nodes().len() / 2;
+    vec![
+        with("inverted", &|nodes| nodes[inner][1] += 12.0),
+        with("flat", &flattened),
+        with("overlapping", &|nodes| {
+            nodes[half..].iter_mut().for_each(|node| node[0] -= 4.0)
+        }),
+        with("no numbers", &|nodes| {
+            nodes[inner] = [f64::NAN; 3];
+            nodes[nearest(mesh, [7.0, 20.0, 0.0])][2] = f64::INFINITY;
+        }),
+    ]
+}
+
+/// Whether a sample lies, in either state, where nothing is wrong: in no box around an element with a node that moved.
+fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
+    let moved: Vec<bool> = mesh.nodes().iter().zip(&broken.nodes).map(|(a, b)| a != b).collect();
+    let mut boxes = Vec::new();
+    for corners in mesh
+        .elements()
+        .iter()
+        .filter(|corners| corners.iter().any(|&corner| moved[corner as usize]))
+    {
+        for nodes in [mesh.nodes(), &broken.nodes] {
+            let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+            for &corner in corners {
+                for axis in 0..3 {
+                    bounds[0][axis] = bounds[0][axis].min(nodes[corner as usize][axis]);
+                    bounds[1][axis] = bounds[1][axis].max(nodes[corner as usize][axis]);
+                }
+            }
+            // Elements without a place hold nothing.
+            if bounds.iter().flatten().all(|x| x.is_finite()) {
+                boxes.push(bounds);
+            }
+        }
+    }
+    move |p| {
+        let inside = |[low, high]: &[[f64; 3]; 2]| {
+            (0..3).all(|axis| p[axis] >= low[axis] - 1e-3 && p[axis] <= high[axis] + 1e-3)
+        };
+        !boxes.iter().any(inside)
+    }
+}
+
+/// What an update in one precision finds more or less than is there, and finds again when it is asked again.
+fn miscounted<T: Real>(mesh: &TetMesh, broken: &Broken) -> Result<f64, Unexpected> {
+    let mut locator = Locator::<T>::new(mesh);
+    let found = [locator.update(&broken.nodes)?, locator.update(&broken.nodes)?];
+    let healed = locator.update(mesh.nodes())?;
+    let wrong = found.iter().filter(|found| **found != broken.report).count();
+    Ok((wrong + usize::from(healed != LocatorReport::default())) as f64)
+}
+
+/// Values that are not defined: places, flags and elements that are none, echoes that are no numbers.
+fn undefined(mesh: &TetMesh, beam: &Beam) -> usize {
+    let places = beam
+        .position
+        .iter()
+        .filter(|p| !p.iter().all(|x| x.is_finite()) || ![0.0, 1.0, 2.0, 3.0].contains(&p[3]));
+    let elements = beam
+        .element
+        .iter()
+        .filter(|&&element| element != NONE && element as usize >= mesh.elements().len());
+    let echoes = beam.amplitude.iter().filter(|echo| !echo.is_finite());
+    places.count() + elements.count() + echoes.count()
+}
+
+pub fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let anatomy = anatomy(record.seed())?;
+    let Some(mesh) = anatomy.mesh.clone() else {
+        return Err(Unexpected::new("an anatomy without a mesh"));
+    };
+    let mut effects = Effects::usual();
+    effects.texture = None;
+    effects.slice.boundary = Boundary::Nearest;
+    let settings = settings(ProbeShape::Linear { width_mm: 32.0 }, 40.0, [48, 160], effects);
+    let states = states(&mesh);
+    let place = |nodes: &[[f64; 3]]| FrameState {
+        nodes: Some(nodes.to_vec()),
+        ..straight()
+    };
+    for (at, broken) in states.iter().enumerate() {
+        let wrong = miscounted::<f64>(&mesh, broken)? + miscounted::<f32>(&mesh, broken)?;
+        record.zero(format!("{}: updates that miscount what is wrong", broken.what), wrong);
+        let rest = untouched(&mesh, broken);
+        for mut synth in everywhere(&anatomy, &settings, &gpus)? {
+            let case = format!("{}, {}", broken.what, name(&synth));
+            let world = synth.render_until("geometry", &straight())?;
+            let whole = synth.render_until("slice", &place(mesh.nodes()))?;
+            let picture = synth.render(&place(mesh.nodes()))?.pixels.clone();
+            let found = synth.render_until("slice", &place(&broken.nodes))?;
+            let all = synth.render_until("receiver", &place(&broken.nodes))?;
+            record.zero(
+                format!("{case}: undefined values"),
+                (undefined(&mesh, &found) + undefined(&mesh, &all)) as f64,
+            );
+            let (mut apart, mut compared) = (0usize, 0usize);
+            for index in 0..found.position.len() {
+                if rest(world.position[index]) {
+                    compared += 1;
+                    let same =
+                        found.position[index] == whole.position[index] && found.label[index] == whole.label[index];
+                    apart += usize::from(!same);
+                }
+            }
+            record.zero(format!("{case}: samples of the rest that changed"), apart as f64);
+            record.under(
+                format!("{case}: samples over those of the rest"),
+                found.position.len() as f64 / compared.max(1) as f64,
+                4.0,
+            );
+            let again = synth.render(&place(mesh.nodes()))?;
+            let left = again.pixels.iter().zip(&picture).filter(|(a, b)| a != b).count();
+            record.zero(format!("{case}: pixels that stay wrong afterwards"), left as f64);
+        }
+        record.done((at + 1) as f64 / states.len() as f64);
+    }
+    Ok(())
+}

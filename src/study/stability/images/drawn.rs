@@ -1,0 +1,289 @@
+//! Scenes drawn at random: anatomy, mesh, probe, pose, image and effects, all from a seed.
+
+use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
+
+use super::super::record::noise;
+use crate::effects::Effects;
+use crate::effects::blur::Blur;
+use crate::effects::interface::Interface;
+use crate::effects::needle::NeedleEcho;
+use crate::effects::noise::Noise;
+use crate::effects::receiver::Receiver;
+use crate::effects::shadow::Shadow;
+use crate::effects::slice::Boundary;
+use crate::effects::speckle::Speckle;
+use crate::effects::texture::Texture;
+use crate::effects::thickness::Thickness;
+use crate::effects::tone::Tone;
+use crate::mechanics::mesh::Displacement;
+use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
+use crate::study::parity::Case;
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::synth::{FrameState, NeedleShaft};
+use crate::tracking::probe::{Probe, ProbeShape};
+
+/// Numbers of one scene, one after the other.
+struct Draw {
+    seed: u64,
+    at: u64,
+}
+
+impl Draw {
+    /// A number in [low, high).
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        self.at += 1;
+        low + (high - low) * (0.5 + 0.5 * noise(self.seed, self.at))
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.within(0.0, count as f64) as usize).min(count - 1)
+    }
+
+    fn chance(&mut self, share: f64) -> bool {
+        self.within(0.0, 1.0) < share
+    }
+
+    fn maybe<T>(&mut self, share: f64, make: impl FnOnce(&mut Self) -> T) -> Option<T> {
+        self.chance(share).then(|| make(self))
+    }
+
+    fn point(&mut self, reach: f64) -> [f64; 3] {
+        std::array::from_fn(|_| self.within(-reach, reach))
+    }
+}
+
+/// The scene of an index. Its mesh, if it has one, is not folded.
+pub fn scene(seed: u64, index: u64) -> Case {
+    let mut draw = Draw {
+        seed: seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+        at: 0,
+    };
+    let centre = draw.point(80.0);
+    let anatomy = anatomy(&mut draw, centre);
+    let probe = probe(&mut draw);
+    let mut state = pose(&mut draw, centre);
+    state.frame = draw.within(0.0, 1e6) as u64;
+    let has_needle = draw.chance(0.5);
+    if has_needle && draw.chance(0.9) {
+        needle(&mut draw, &mut state);
+    }
+    let anatomy = match draw.chance(0.35) {
+        true => deformed(&mut draw, anatomy, centre, &mut state),
+        false => anatomy,
+    };
+    let mut effects = effects(&mut draw);
+    if anatomy.mesh.is_some() {
+        // Every sub-plane is followed through the mesh by itself; few cases of that are enough.
+        effects.thickness = None;
+    }
+    let settings = Settings {
+        seed: draw.within(0.0, u64::MAX as f64) as u64,
+        probe,
+        image: ImageSize {
+            width: 8 + draw.below(90),
+            height: 8 + draw.below(70),
+            margin: draw.within(0.0, 0.2),
+            fill: draw.below(256) as u8,
+        },
+        effects,
+        has_needle,
+    };
+    Case::new(format!("scene {index}"), anatomy, settings, state)
+}
+
+fn anatomy(draw: &mut Draw, centre: [f64; 3]) -> Anatomy {
+    let textured = draw.chance(0.6);
+    let mut tissues = vec![SILENT];
+    for _ in 0..2 + draw.below(4) {
+        tissues.push(Acoustics {
+            echo_db: draw.within(-20.0, 10.0),
+            attenuation_db_cm_mhz: draw.within(0.0, 2.0),
+            occlusion_per_mm: if draw.chance(0.3) { draw.within(0.0, 0.95) } else { 0.0 },
+            impedance_mrayl: draw.within(1.4, 4.0),
+            texture: (textured && draw.chance(0.5)).then_some("hashed"),
+        });
+    }
+    let size = std::array::from_fn(|_| 24 + draw.below(17));
+    let mut frame = Frame::around(centre, size, draw.within(0.8, 1.3));
+    if draw.chance(0.5) {
+        frame = frame.oblique();
+    }
+    let mut anatomy = match draw.below(3) {
+        0 => anatomies::random(frame, &tissues, draw.below(1 << 20) as u32),
+        1 => anatomies::ball(frame, centre, draw.within(5.0, 12.0), &tissues[..3]),
+        _ => {
+            let top = centre[1] - 12.0;
+            let depths: Vec<f64> = (1..tissues.len())
+                .map(|at| top + draw.within(0.0, 6.0) + 5.0 * at as f64)
+                .collect();
+            anatomies::layers(frame, &depths, &tissues)
+        }
+    };
+    anatomy.textures.insert("hashed".into(), anatomies::hashed_texture());
+    anatomy
+}
+
+fn probe(draw: &mut Draw) -> Probe {
+    let shape = match draw.below(5) {
+        0 => ProbeShape::Linear {
+            width_mm: draw.within(10.0, 45.0),
+        },
+        1 => ProbeShape::Curvilinear {
+            radius_mm: draw.within(10.0, 60.0),
+            angle_deg: draw.within(20.0, 90.0),
+        },
+        2 => ProbeShape::Phased {
+            angle_deg: draw.within(30.0, 100.0),
+        },
+        3 => ProbeShape::TrusTransverse {
+            radius_mm: draw.within(5.0, 12.0),
+            angle_deg: draw.within(60.0, 260.0),
+        },
+        _ => ProbeShape::TrusSagittal {
+            length_mm: draw.within(20.0, 60.0),
+        },
+    };
+    Probe {
+        shape,
+        depth_mm: draw.within(20.0, 50.0),
+        frequency_mhz: draw.within(2.0, 12.0),
+        lines: 4 + draw.below(28) as u32,
+        samples: 24 + draw.below(120) as u32,
+    }
+}
+
+/// From the rim of the volume towards its middle, turned at will.
+fn pose(draw: &mut Draw, centre: [f64; 3]) -> FrameState {
+    let middle = Vector3::from(centre);
+    let away = Vector3::from(draw.point(1.0));
+    let away = away.try_normalize(1e-3).unwrap_or(-Vector3::y());
+    let origin = middle + away * draw.within(5.0, 22.0);
+    let along = (middle + Vector3::from(draw.point(4.0)) - origin).normalize();
+    let swing = Rotation3::rotation_between(&Vector3::y(), &along).unwrap_or_else(Rotation3::identity);
+    let turn = swing * Rotation3::from_axis_angle(&Vector3::y_axis(), draw.within(-3.0, 3.0));
+    FrameState::at(Translation3::from(origin).to_homogeneous() * turn.to_homogeneous())
+}
+
+/// A shaft of two to five nodes near the plane, and sometimes seeds.
+fn needle(draw: &mut Draw, state: &mut FrameState) {
+    let pose: Matrix4<f64> = state.probe_to_world;
+    let mut node = Vector3::new(draw.within(-20.0, -8.0), draw.within(2.0, 10.0), draw.within(-1.0, 1.0));
+    let mut nodes = vec![pose.transform_point(&node.into())];
+    for _ in 0..1 + draw.below(4) {
+        node += Vector3::new(draw.within(2.0, 9.0), draw.within(2.0, 9.0), draw.within(-0.8, 0.8));
+        nodes.push(pose.transform_point(&node.into()));
+    }
+    state.needle = Some(NeedleShaft {
+        nodes,
+        diameter_mm: draw.within(0.5, 2.0),
+    });
+    for _ in 0..draw.below(4) {
+        let place = [draw.within(-8.0, 8.0), draw.within(6.0, 26.0), draw.within(-0.5, 0.5)];
+        let along = pose.transform_vector(
+            &Vector3::from(draw.point(1.0))
+                .try_normalize(1e-3)
+                .unwrap_or(Vector3::x()),
+        );
+        state
+            .seeds
+            .push(NeedleShaft::seed(pose.transform_point(&place.into()), &along));
+    }
+}
+
+/// A mesh over the middle, pressed and swirled by less than would fold it.
+fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut FrameState) -> Anatomy {
+    let half: [f64; 3] = std::array::from_fn(|_| draw.within(9.0, 14.0));
+    let bounds = [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]));
+    let anatomy = anatomies::with_mesh(anatomy, bounds, 60 + draw.below(140));
+    let Some(mesh) = anatomy.mesh.clone() else {
+        return anatomy;
+    };
+    let radius_mm = draw.within(6.0, 10.0);
+    let mut press = Displacement::Indentation {
+        centre_mm: std::array::from_fn(|axis| centre[axis] + 0.5 * half[axis]),
+        direction: [-0.2, -1.0, 0.1],
+        depth_mm: draw.within(1.0, 4.0),
+        radius_mm,
+    };
+    let mut swirl = Displacement::Swirl {
+        centre_mm: centre,
+        axis: [0.3, 0.2, 1.0],
+        angle_deg: draw.within(-15.0, 15.0),
+        radius_mm,
+    };
+    loop {
+        let moved = |&node: &[f64; 3]| -> [f64; 3] {
+            (Vector3::from(node) + Vector3::from(press.apply(node)) + Vector3::from(swirl.apply(node))).into()
+        };
+        let nodes: Vec<[f64; 3]> = mesh.nodes().iter().map(moved).collect();
+        let rest = mesh.volumes(mesh.nodes());
+        // Elements keep a tenth of their volume: what folds is a case of its own.
+        if rest
+            .zip(mesh.volumes(&nodes))
+            .all(|(before, after)| after > 0.1 * before)
+        {
+            state.nodes = Some(nodes);
+            return anatomy;
+        }
+        if let Displacement::Indentation { depth_mm, .. } = &mut press {
+            *depth_mm *= 0.5;
+        }
+        if let Displacement::Swirl { angle_deg, .. } = &mut swirl {
+            *angle_deg *= 0.5;
+        }
+    }
+}
+
+fn effects(draw: &mut Draw) -> Effects {
+    let mut effects = Effects {
+        texture: draw.maybe(0.6, |draw| Texture {
+            strength: draw.within(0.1, 1.0),
+        }),
+        thickness: draw.maybe(0.3, |draw| Thickness {
+            width_mm: draw.within(0.5, 5.0),
+            planes: [3, 5, 7][draw.below(3)],
+        }),
+        speckle: draw.maybe(0.6, |draw| Speckle {
+            axial_mm: draw.within(0.4, 2.0),
+            lateral_mm: draw.within(0.6, 4.0),
+            elevational_mm: draw.within(0.6, 4.0),
+            focus_mm: draw.maybe(0.5, |draw| draw.within(5.0, 30.0)),
+            ..Speckle::default()
+        }),
+        interface: draw.maybe(0.6, |draw| Interface {
+            directivity: draw.within(0.0, 20.0),
+            ..Interface::default()
+        }),
+        needle: draw.maybe(0.7, |draw| NeedleEcho {
+            thickness_mm: draw.maybe(0.5, |draw| draw.within(0.5, 4.0)),
+            ..NeedleEcho::default()
+        }),
+        shadow: draw.maybe(0.7, |draw| Shadow {
+            attenuation: draw.chance(0.7),
+            occlusion: draw.chance(0.7),
+            needle_db_mm: draw.within(0.0, 20.0),
+            beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
+        }),
+        blur: draw.maybe(0.6, |draw| Blur {
+            width_mm: draw.within(0.0, 4.0),
+            growth_mm_cm: draw.within(0.0, 0.5),
+        }),
+        receiver: draw.maybe(0.5, |_| Receiver::default()),
+        tone: draw.maybe(0.8, |draw| Tone {
+            gain_db: draw.within(-10.0, 10.0),
+            dynamic_range_db: draw.within(30.0, 90.0),
+            gamma: if draw.chance(0.5) { 1.0 } else { draw.within(0.5, 2.2) },
+            ..Tone::default()
+        }),
+        noise: draw.maybe(0.5, |draw| Noise {
+            std_grey: draw.within(0.0, 20.0),
+        }),
+        ..Effects::default()
+    };
+    effects.slice.boundary = if draw.chance(0.5) {
+        Boundary::Nearest
+    } else {
+        Boundary::Vote
+    };
+    effects
+}

@@ -1,0 +1,190 @@
+//! Statistics of speckle and noise after many frames and under the seeds at the ends.
+
+use nalgebra::{Matrix4, Vector3};
+
+use super::super::record::{Record, Unexpected};
+use super::hashes;
+use super::setup::{everywhere, gpus, name, settings, straight};
+use crate::effects::Effects;
+use crate::effects::noise::Noise;
+use crate::effects::speckle::Speckle;
+use crate::gpu::Gpu;
+use crate::study::anatomies::{self, Acoustics, PLAIN};
+use crate::synth::tables::Settings;
+use crate::synth::{FrameState, Synthesizer};
+use crate::tracking::probe::ProbeShape;
+
+/// Frames that the criterion speaks of.
+const FRAMES: u64 = 10_000;
+const SEEDS: [u64; 3] = [0, 1, u64::MAX];
+const DEPTH_MM: f64 = 48.0;
+const WIDTH_MM: f64 = 38.0;
+const LINES: usize = 96;
+const SAMPLES: usize = 240;
+
+/// A statistic in standard errors that one of two million draws exceeds.
+const UNLIKELY: f64 = 5.0;
+
+pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    for gpu in &gpus {
+        let [apart, compared] = hashes::apart(gpu, &SEEDS, 20_000)?;
+        let adapter = &gpu.report().name;
+        record.zero(format!("{adapter}: hashes that differ, of {compared}"), apart as f64);
+    }
+    record.done(0.05);
+    speckle(record, &gpus)?;
+    noise(record, &gpus)
+}
+
+/// Mean over standard deviation of samples three correlation lengths apart, at the first and the last of the frames of a sweep.
+fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
+    let own = Speckle {
+        axial_mm: 0.8,
+        lateral_mm: 1.5,
+        elevational_mm: 1.6,
+        focus_mm: None,
+        focal_zone_mm: 10_000.0,
+    };
+    let effects = Effects {
+        speckle: Some(own),
+        ..Effects::default()
+    };
+    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
+    let settings = settings(shape, DEPTH_MM, [LINES as u32, SAMPLES as u32], effects);
+    let fields = record.effort().pick(6, 30);
+    let mut synths = everywhere(&anatomies::uniform(PLAIN), &settings, gpus)?;
+    let count = synths.len();
+    for (at, synth) in synths.iter_mut().enumerate() {
+        let backend = name(synth);
+        for seed in SEEDS {
+            synth.set(Settings {
+                seed,
+                ..settings.clone()
+            })?;
+            for first in [0, FRAMES - fields] {
+                let off = rayleigh(synth, first, fields)?;
+                record.under(
+                    format!(
+                        "{backend}, seed {seed}, frames from {first}: mean over deviation, standard errors from 1.913"
+                    ),
+                    off,
+                    UNLIKELY,
+                );
+            }
+        }
+        // Speckle is tissue: a probe that comes back sees the same.
+        let still = |frame: u64| FrameState { frame, ..straight() };
+        let before = synth.render_until("speckle_lateral", &still(0))?.amplitude;
+        let after = synth.render_until("speckle_lateral", &still(FRAMES - 1))?.amplitude;
+        let changed = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+        record.zero(
+            format!("{backend}: echoes that another frame number changes"),
+            changed as f64,
+        );
+        record.done(0.05 + 0.65 * (at + 1) as f64 / count as f64);
+    }
+    Ok(())
+}
+
+/// Of a Rayleigh distribution the ratio is sqrt(pi / (4 - pi)); by the delta method its estimate has the variance 1.85 / n.
+fn rayleigh(synth: &mut Synthesizer, first: u64, fields: u64) -> Result<f64, Unexpected> {
+    // Three lengths apart intensities are correlated by 1e-11 or less.
+    let (down, across) = (12, 12);
+    let mut sample = Vec::new();
+    for frame in first..first + fields {
+        // Beyond three elevational lengths from the frame before, and never in step with the lattice.
+        let place =
+            Vector3::new(0.137, 0.211, 5.319) * frame as f64 * 0.01 + Vector3::z() * 5.0 * (frame - first) as f64;
+        let state = FrameState {
+            frame,
+            ..FrameState::at(Matrix4::new_translation(&place))
+        };
+        let beam = synth.render_until("speckle_lateral", &state)?;
+        for line in (0..LINES).step_by(across) {
+            let inner = (20..SAMPLES - 20).step_by(down);
+            sample.extend(inner.map(|at| beam.amplitude[line * SAMPLES + at]));
+        }
+    }
+    let [mean, variance] = moments(&sample);
+    let expected = (std::f64::consts::PI / (4.0 - std::f64::consts::PI)).sqrt();
+    Ok((mean / variance.sqrt() - expected).abs() / (1.85 / sample.len() as f64).sqrt())
+}
+
+/// Grey levels of constant tissue over the frames: mean, variance, and correlation of neighbouring frames.
+fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
+    const STD_GREY: f64 = 6.0;
+    let level = 127.3f64;
+    let tissue = Acoustics {
+        echo_db: 20.0 * (level / 255.0).log10(),
+        ..PLAIN
+    };
+    let effects = Effects {
+        noise: Some(Noise { std_grey: STD_GREY }),
+        ..Effects::default()
+    };
+    let mut settings = settings(ProbeShape::Linear { width_mm: 20.0 }, 20.0, [4, 8], effects);
+    (settings.image.width, settings.image.height) = (24, 16);
+    settings.image.margin = 0.0;
+    let frames = record.effort().pick(200, FRAMES);
+    let mut synths = everywhere(&anatomies::uniform(tissue), &settings, gpus)?;
+    let count = synths.len();
+    for (at, synth) in synths.iter_mut().enumerate() {
+        let backend = name(synth);
+        // Other seeds are other noise: the ends share the frames.
+        for seed in [0, u64::MAX] {
+            synth.set(Settings {
+                seed,
+                ..settings.clone()
+            })?;
+            let inside: Vec<usize> = (0..settings.image.width * settings.image.height)
+                .filter(|pixel| synth.tables().scan_map[*pixel][0] >= 0.0)
+                .collect();
+            let (mut sum, mut squares, mut products, mut before) = (0.0, 0.0, 0.0, Vec::new());
+            for frame in 0..frames {
+                // To the last of the 1e4 frames, however few are looked at.
+                let number = FRAMES - frames + frame;
+                let pixels = &synth
+                    .render(&FrameState {
+                        frame: number,
+                        ..straight()
+                    })?
+                    .pixels;
+                let off: Vec<f64> = inside.iter().map(|pixel| f64::from(pixels[*pixel]) - level).collect();
+                sum += off.iter().sum::<f64>();
+                squares += off.iter().map(|x| x * x).sum::<f64>();
+                products += off.iter().zip(&before).map(|(a, b): (&f64, &f64)| a * b).sum::<f64>();
+                before = off;
+            }
+            let n = (inside.len() as u64 * frames) as f64;
+            // Rounding to whole grey levels adds 1/12.
+            let variance = STD_GREY * STD_GREY + 1.0 / 12.0;
+            let errors = [
+                ("mean", (sum / n).abs() / (variance / n).sqrt()),
+                (
+                    "variance",
+                    (squares / n - variance).abs() / (variance * (2.0 / n).sqrt()),
+                ),
+                (
+                    "correlation of neighbouring frames",
+                    (products / n).abs() / (variance / n.sqrt()),
+                ),
+            ];
+            for (what, error) in errors {
+                record.under(
+                    format!("{backend}, seed {seed}: {what} of the noise, standard errors"),
+                    error,
+                    UNLIKELY,
+                );
+            }
+        }
+        record.done(0.7 + 0.3 * (at + 1) as f64 / count as f64);
+    }
+    Ok(())
+}
+
+fn moments(values: &[f64]) -> [f64; 2] {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    [mean, values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0)]
+}
