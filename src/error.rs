@@ -19,9 +19,11 @@ use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
+use crate::study::bench::compare::CompareError;
 use crate::study::plot::PlotError;
 use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
+use crate::study::tradeoff::image::ImageError;
 use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
@@ -89,6 +91,12 @@ pub enum Error {
     /// A trade-off of tissue cannot be studied.
     #[error(transparent)]
     Tissue(#[from] TissueError),
+    /// A trade-off of images cannot be studied.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// Backends cannot be compared.
+    #[error(transparent)]
+    Compare(#[from] CompareError),
     /// A puncture cannot be calculated.
     #[error(transparent)]
     Puncture(#[from] PunctureError),
@@ -126,6 +134,8 @@ impl Error {
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory { .. }) => true,
             Self::Study(error) => error.is_machine(),
+            Self::Image(error) => error.is_machine(),
+            Self::Compare(error) => error.is_machine(),
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,

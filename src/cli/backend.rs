@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use insonify::gpu::adapter;
-use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
+use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, GpuError, Needs};
 use insonify::plan::Plan;
 use insonify::synth::gpu::needs;
 use insonify::synth::tables::{Anatomy, Settings, Tables};
@@ -105,6 +105,33 @@ impl BackendArgs {
                     }
                     Err(error) => Err(error.into()),
                 }
+            }
+        }
+    }
+
+    /// The devices to measure beside the CPU, and what to say of those that do not open.
+    pub fn gpus(&self) -> Result<(Vec<Gpu>, Vec<String>), Failure> {
+        let choice = self.choice();
+        let open = |choice: &AdapterChoice| Gpu::open(choice, &Needs::default());
+        match self.backend {
+            BackendName::Cpu | BackendName::CpuF64 => Ok((Vec::new(), Vec::new())),
+            BackendName::Gpu => Ok((vec![open(&choice)?], Vec::new())),
+            BackendName::Auto if choice.name.is_some() => Ok((vec![open(&choice)?], Vec::new())),
+            BackendName::Auto => {
+                let (mut gpus, mut missing) = (Vec::new(), Vec::new());
+                for found in adapter::list() {
+                    let name = format!("{} ({})", found.name, found.backend);
+                    match open(&AdapterChoice {
+                        name: Some(name.clone()),
+                    }) {
+                        Ok(gpu) => gpus.push(gpu),
+                        Err(error) => missing.push(format!("{name} was not measured: {error}")),
+                    }
+                }
+                if gpus.is_empty() && missing.is_empty() {
+                    missing.push(format!("no GPU was measured: {}", GpuError::NoAdapter));
+                }
+                Ok((gpus, missing))
             }
         }
     }

@@ -1,10 +1,13 @@
 //! `insonify bench`: what a frame costs on this machine.
 
 use std::fmt;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
 use insonify::gpu::{AdapterChoice, Gpu, Needs, adapter};
+use insonify::scene::SceneFile;
+use insonify::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
 use insonify::study::bench::{BenchOptions, BenchReport, Contender, bench};
 use insonify::synth::{FrameState, SynthError};
 use nalgebra::Matrix4;
@@ -12,10 +15,29 @@ use nalgebra::Matrix4;
 use super::backend::{BackendArgs, BackendName, needs_of};
 use super::failure::Failure;
 use super::input::Input;
+use super::study::Printed;
 use super::terminal;
 
-/// Times frames and passes on each backend that the machine has, and as effects are taken away
+const TEACHING: &str = "\
+Without --compare one scene is timed at its own size. With it, GPU and CPU are compared:
+
+  frames and passes  from 64 x 128 to 1024 x 2048 scanlines by samples, and the size from which the GPU wins
+  transfers          what a frame sends and reads back, apart from what is computed
+  solvers            remeshing levels by size of the mesh
+  effects            a frame with everything, without each effect and with each alone
+  memory             bytes that each effect holds, and that nothing is left of where a scene does without
+
+Without a GPU it says so and measures the CPU's part. Without a scene it takes one with every effect, a mesh and a needle.
+
+Examples:
+  insonify bench                               the default scene on every backend
+  insonify bench scene.toml --backend cpu --frames 20
+  insonify bench --compare -o report           everything above, with tables (CSV, JSON) and plots: two minutes
+  insonify bench --compare scene.toml --json";
+
+/// Times frames and passes on each backend that the machine has, and as effects are taken away; GPU against CPU with --compare
 #[derive(Args)]
+#[command(after_help = TEACHING)]
 pub struct Bench {
     #[command(flatten)]
     input: Input,
@@ -24,17 +46,26 @@ pub struct Bench {
     /// Frames of each measurement
     #[arg(long, value_name = "N", default_value = "100", value_parser = super::render::frame_count)]
     frames: usize,
-    /// Seconds after which a measurement ends early
+    /// Seconds after which a measurement ends early; a tenth of it with --compare
     #[arg(long, value_name = "S", default_value_t = 4.0, value_parser = seconds)]
     patience_s: f64,
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Compare GPU and CPU over sizes, passes and solvers, and effects alone and in company
+    #[arg(long, conflicts_with = "frames")]
+    compare: bool,
+    /// Folder for the tables and plots of --compare; made if it is not there
+    #[arg(short, long, value_name = "DIR", requires = "compare")]
+    output: Option<PathBuf>,
 }
 
 impl Bench {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
+        if self.compare {
+            return self.compare();
+        }
         let scene = self.input.scene(self.json)?;
         let count = scene.frames().min(self.frames);
         let states = (0..count)
@@ -76,6 +107,36 @@ impl Bench {
         } else {
             terminal::emit(&report.to_string())
         }
+    }
+
+    fn compare(&self) -> Result<(), Failure> {
+        if self.backend.backend == BackendName::CpuF64 {
+            return Err(Failure::usage(
+                "--compare --backend cpu-f64: GPUs compute in single precision, and so does the CPU beside them",
+                "ask for auto, cpu or gpu",
+            ));
+        }
+        let scene = match self.input.is_default() {
+            true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
+            false => self.input.scene(self.json)?,
+        };
+        let mut state = FrameState::at(Matrix4::identity());
+        scene.state(0, scene.frames().max(1), &mut state)?;
+        let (gpus, missing) = self.backend.gpus()?;
+        let options = CompareOptions {
+            patience: Duration::from_secs_f64(self.patience_s / 10.0),
+            ..CompareOptions::usual(gpus)
+        };
+        let subject = Subject {
+            anatomy: &scene.anatomy,
+            settings: &scene.settings,
+            state: &state,
+        };
+        Printed::new(self.output.clone(), self.json).run(|progress| {
+            let mut study = compare(&subject, &options, progress)?;
+            study.notes.extend(missing);
+            Ok(study)
+        })
     }
 
     fn candidates(&self) -> Vec<Candidate> {

@@ -20,9 +20,11 @@ use insonify::phantom::PhantomError;
 use insonify::scenario::ScenarioError;
 use insonify::scene::SceneError;
 use insonify::statics::StaticsError;
+use insonify::study::bench::compare::CompareError;
 use insonify::study::plot::PlotError;
 use insonify::study::puncture::PunctureError;
 use insonify::study::tradeoff::RenderError;
+use insonify::study::tradeoff::image::ImageError;
 use insonify::study::tradeoff::insertion::InsertionStudyError;
 use insonify::study::tradeoff::remesh::StudyError;
 use insonify::study::tradeoff::tissue::TissueError;
@@ -122,9 +124,11 @@ macro_rules! from_library {
 from_library!(
     BeamCaseError,
     BeamError,
+    CompareError,
     CompletionError,
     GenerateError,
     GpuError,
+    ImageError,
     InsertionStudyError,
     MaterialCaseError,
     MeshFileError,

@@ -28,6 +28,11 @@ pub struct Input {
 }
 
 impl Input {
+    /// Whether nothing is asked for, so that the command may choose.
+    pub fn is_default(&self) -> bool {
+        self.scene.is_none() && self.labels.is_none() && self.target.is_none() && self.size.is_none()
+    }
+
     fn load(&self) -> Result<Scene, Failure> {
         let mut file = match (&self.scene, &self.labels) {
             (Some(scene), _) if is_image(scene) => {

@@ -26,6 +26,15 @@ pub struct Printed {
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 impl Printed {
+    /// For a command that has arguments of its own for it.
+    pub fn new(output: Option<PathBuf>, json: bool) -> Self {
+        Self {
+            output,
+            json,
+            quiet: json,
+        }
+    }
+
     /// Makes the folder, shows how far `study` is, writes and prints what it found.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
         if let Some(folder) = &self.output {

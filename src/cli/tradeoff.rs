@@ -2,6 +2,7 @@
 
 mod beam;
 mod history;
+mod image;
 mod insertion;
 mod remesh;
 mod tissue;
@@ -24,6 +25,7 @@ enum Study {
     Remesh(remesh::Remesh),
     History(history::History),
     Tissue(tissue::Tissue),
+    Image(image::Image),
 }
 
 impl Tradeoff {
@@ -34,6 +36,7 @@ impl Tradeoff {
             Study::Remesh(remesh) => remesh.run(),
             Study::History(history) => history.run(),
             Study::Tissue(tissue) => tissue.run(),
+            Study::Image(image) => image.run(),
         }
     }
 }

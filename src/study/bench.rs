@@ -3,7 +3,10 @@
 //! Whole frames are timed by wall clock with the measurement of passes off, as a simulator would run them; passes are
 //! timed in further frames, on the GPU by timestamps where the device offers them. Timestamps of neighbouring passes may
 //! overlap, so the passes need not add up to the frame.
+//!
+//! [`compare`] sets GPU against CPU over sizes, and measures what each effect costs alone and in company.
 
+pub mod compare;
 mod report;
 
 use std::time::{Duration, Instant};

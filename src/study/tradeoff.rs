@@ -11,9 +11,11 @@
 //! | [`remesh`] | levels of remeshing |
 //! | [`history`] | rules of fading memory |
 //! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
+//! | [`image`] | grids, labels, sampling, grain and backends of images |
 
 pub mod beam;
 pub mod history;
+pub mod image;
 pub mod insertion;
 pub mod remesh;
 mod render;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
 use insonify::study::tradeoff::remesh::subject::generated;
@@ -66,7 +65,7 @@ impl Remesh {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         let meshes = self.meshes()?;
-        let (gpus, missing) = self.gpus()?;
+        let (gpus, missing) = self.backend.gpus()?;
         self.printed.run(|progress| {
             let mut study = study(&meshes, &gpus, &self.options(), progress)?;
             study.notes.extend(missing);
@@ -105,33 +104,6 @@ impl Remesh {
                 .map_err(|error| Failure::usage(format!("--nodes {nodes}: {error}"), "ask for other nodes"))
         });
         made.collect()
-    }
-
-    /// The devices to measure, and what to say of those that do not open.
-    fn gpus(&self) -> Result<(Vec<Gpu>, Vec<String>), Failure> {
-        let choice = self.backend.choice();
-        let open = |choice: &AdapterChoice| Gpu::open(choice, &Needs::default());
-        match self.backend.backend {
-            BackendName::Cpu | BackendName::CpuF64 => Ok((Vec::new(), Vec::new())),
-            BackendName::Gpu => Ok((vec![open(&choice)?], Vec::new())),
-            BackendName::Auto if choice.name.is_some() => Ok((vec![open(&choice)?], Vec::new())),
-            BackendName::Auto => {
-                let (mut gpus, mut missing) = (Vec::new(), Vec::new());
-                for found in adapter::list() {
-                    let name = format!("{} ({})", found.name, found.backend);
-                    match open(&AdapterChoice {
-                        name: Some(name.clone()),
-                    }) {
-                        Ok(gpu) => gpus.push(gpu),
-                        Err(error) => missing.push(format!("{name} was not measured: {error}")),
-                    }
-                }
-                if gpus.is_empty() && missing.is_empty() {
-                    missing.push(format!("no GPU was measured: {}", GpuError::NoAdapter));
-                }
-                Ok((gpus, missing))
-            }
-        }
     }
 }
 

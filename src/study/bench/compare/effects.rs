@@ -1,0 +1,209 @@
+//! What each effect costs alone and in company, and what it leaves where a scene does without.
+
+use std::collections::BTreeSet;
+
+use super::super::{REMOVALS, Removal};
+use super::{Clock, CompareError, CompareOptions, Subject, clock_options, factor};
+use crate::effects::pass::Resource;
+use crate::plan::Plan;
+use crate::study::spread::Spread;
+use crate::study::tradeoff::{Axis, Table};
+use crate::synth::tables::{Anatomy, Settings, Tables};
+use crate::synth::{Backend, Synthesizer};
+
+/// The scene with some effects taken away.
+fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
+    let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
+    for removal in REMOVALS.iter().filter(|removal| !keep(removal)) {
+        (removal.take)(&mut settings);
+        if removal.effect == "warp" {
+            anatomy.mesh = None;
+        }
+    }
+    (anatomy, settings)
+}
+
+/// Effects that the scene has and that can be taken away.
+fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Removal>, CompareError> {
+    let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
+    let changes = |removal: &&Removal| {
+        let (anatomy, without) = with(subject, settings, |other| other.effect != removal.effect);
+        plan.has(removal.effect) && (without != *settings || anatomy.mesh.is_none() != subject.anatomy.mesh.is_none())
+    };
+    Ok(REMOVALS.iter().filter(changes).collect())
+}
+
+fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + '_>)> {
+    let mut all: Vec<(String, Box<dyn Fn() -> Backend>)> = vec![("cpu".to_owned(), Box::new(|| Backend::Cpu))];
+    for gpu in &options.gpus {
+        let backend = move || Backend::Gpu(Box::new(gpu.clone()));
+        all.push((gpu.report().name.clone(), Box::new(backend)));
+    }
+    all
+}
+
+/// A frame of what is kept: its time, and the bytes that it works on.
+fn frame(
+    subject: &Subject<'_>,
+    options: &CompareOptions,
+    (anatomy, settings): (Anatomy, Settings),
+    backend: Backend,
+) -> Result<(Spread, f64), CompareError> {
+    let mut state = subject.state.clone();
+    if anatomy.mesh.is_none() {
+        (state.nodes, state.reference) = (None, None);
+    }
+    let mut synth = Synthesizer::new(anatomy, settings, backend)?;
+    let timing = clock_options(&mut synth, &state, options.patience)?;
+    let clock = Clock {
+        states: std::slice::from_ref(&state),
+        options: &timing,
+    };
+    let time = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
+    Ok((time, synth.memory_bytes() as f64 * 1e-6))
+}
+
+/// Everything, everything but one, one alone, nothing.
+pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
+    let settings = subject.sized(options.effects_grid);
+    let factors = [factor("backend", "backend"), factor("effect", "effect")];
+    let axes = [
+        Axis::log(
+            "without_ms",
+            "without ms",
+            "a frame with everything but it (median), ms",
+        ),
+        Axis::log(
+            "without_p95_ms",
+            "p95 ms",
+            "a frame with everything but it (95 of 100), ms",
+        ),
+        Axis::linear("saved_ms", "saves ms", "what leaving it out saves, ms"),
+        Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms"),
+        Axis::linear("adds_ms", "adds ms", "what it adds to slicing alone, ms"),
+        Axis::log("without_mb", "without MB", "working memory with everything but it, MB"),
+        Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB"),
+    ];
+    let title = "What each effect costs in company and alone: a frame without it, and with it alone";
+    let mut table = Table::new("compare_effects", title, &factors, &axes);
+    let present = present(subject, &settings)?;
+    for (name, backend) in backends(options) {
+        let (all, all_mb) = frame(subject, options, with(subject, &settings, |_| true), backend())?;
+        let (none, none_mb) = frame(subject, options, with(subject, &settings, |_| false), backend())?;
+        let whole = |what: &str, time: Spread, mb: f64| {
+            let values = vec![
+                Some(time.median_ms),
+                Some(time.p95_ms),
+                None,
+                None,
+                None,
+                Some(mb),
+                None,
+            ];
+            (vec![name.clone(), what.to_owned()], values)
+        };
+        let (choices, values) = whole("(everything)", all, all_mb);
+        table.push(choices, values, None);
+        for removal in &present {
+            let but = with(subject, &settings, |other| other.effect != removal.effect);
+            let (without, without_mb) = frame(subject, options, but, backend())?;
+            let only = with(subject, &settings, |other| other.effect == removal.effect);
+            let (alone, alone_mb) = frame(subject, options, only, backend())?;
+            let values = vec![
+                Some(without.median_ms),
+                Some(without.p95_ms),
+                Some(all.median_ms - without.median_ms),
+                Some(alone.median_ms),
+                Some(alone.median_ms - none.median_ms),
+                Some(without_mb),
+                Some(alone_mb),
+            ];
+            table.push(vec![name.clone(), removal.effect.to_owned()], values, None);
+        }
+        let (choices, values) = whole("(slicing alone)", none, none_mb);
+        table.push(choices, values, None);
+    }
+    Ok(table)
+}
+
+/// Resources that passes of one effect bind and no other's do.
+fn own(plan: &Plan, effect: &str) -> BTreeSet<Resource> {
+    let bound = |of: bool| -> BTreeSet<Resource> {
+        let passes = plan.passes.iter().filter(|planned| (planned.effect == effect) == of);
+        passes
+            .flat_map(|planned| planned.pass.bindings)
+            .map(|&(resource, _)| resource)
+            .collect()
+    };
+    bound(true).difference(&bound(false)).copied().collect()
+}
+
+/// Bytes, passes and, on a GPU, pipelines that effects call for, and what is left of them in a scene that did with them and now does
+/// without: nothing.
+pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
+    let settings = subject.sized(options.effects_grid);
+    let factors = [factor("backend", "backend"), factor("effect", "effect")];
+    let axes = [
+        Axis::log("own_bytes", "own bytes", "bytes that nothing else works on"),
+        Axis::linear("passes", "passes", "passes"),
+        Axis::linear("left_bytes", "left, bytes", "bytes left where the scene does without"),
+        Axis::linear(
+            "left_passes",
+            "left, passes",
+            "passes and pipelines left where the scene does without",
+        ),
+    ];
+    let title = "What each effect holds, and what is left of that once it is taken away";
+    let mut table = Table::new("compare_memory", title, &factors, &axes);
+    for (name, backend) in backends(options) {
+        for removal in present(subject, &settings)? {
+            let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
+            let resources = own(&plan, removal.effect);
+            let held = plan
+                .resources
+                .iter()
+                .filter(|planned| resources.contains(&planned.resource));
+            let held: u64 = held.map(|planned| planned.bytes).sum();
+            let own_passes = plan.passes.iter().filter(|planned| planned.effect == removal.effect);
+            let own_passes: Vec<&str> = own_passes.map(|planned| planned.pass.name).collect();
+            let (anatomy, without) = with(subject, &settings, |other| other.effect != removal.effect);
+            let fresh = Synthesizer::new(anatomy.clone(), without.clone(), backend())?;
+            let idle = match anatomy.mesh.is_none() != subject.anatomy.mesh.is_none() {
+                // A mesh is given once: what does without it is made anew.
+                true => Synthesizer::new(anatomy, without, backend())?,
+                false => {
+                    let mut synth = Synthesizer::new(anatomy, settings.clone(), backend())?;
+                    synth.set(without)?;
+                    synth
+                }
+            };
+            let planned = idle.plan().resources.iter();
+            let left: u64 = planned
+                .filter(|planned| resources.contains(&planned.resource))
+                .map(|planned| planned.bytes)
+                .sum();
+            let left = left as f64 + (idle.memory_bytes() as f64 - fresh.memory_bytes() as f64).abs();
+            // Without a tone curve its pass shows amplitudes linearly: that is no effect's, and stays.
+            let stays = |pass: &str| removal.effect == "tone" && pass == "tone";
+            let passes = idle.plan().passes.iter().map(|planned| planned.pass.name);
+            let names: Vec<&str> = passes.chain(idle.pipelines()).collect();
+            let left_passes = own_passes
+                .iter()
+                .filter(|pass| names.contains(pass) && !stays(pass))
+                .count();
+            let flag = (left > 0.0 && removal.effect != "tone" || left_passes > 0)
+                .then(|| format!("{left} bytes and {left_passes} passes are left of what the scene does without"));
+            table.push(
+                vec![name.clone(), removal.effect.to_owned()],
+                vec![
+                    Some(held as f64),
+                    Some(own_passes.len() as f64),
+                    Some(left),
+                    Some(left_passes as f64),
+                ],
+                flag,
+            );
+        }
+    }
+    Ok(table)
+}

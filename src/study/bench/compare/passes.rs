@@ -1,0 +1,133 @@
+//! Frames and passes, by size.
+
+use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
+use crate::study::tradeoff::{Axis, Table};
+use crate::synth::{Backend, Synthesizer};
+
+/// What one backend took at one size: names and median times, ms.
+type Times = Vec<(String, f64)>;
+
+pub const WHOLE: &str = "frame, pixels on the CPU";
+pub const LEFT: &str = "frame, pixels left on the GPU";
+
+/// Whole frames and every pass; none where a backend was too slow at a smaller size or the device cannot hold it.
+fn at_size(
+    subject: &Subject<'_>,
+    options: &CompareOptions,
+    grid: [u32; 2],
+    backend: Backend,
+) -> Result<Times, CompareError> {
+    let mut synth = Synthesizer::new(subject.anatomy.clone(), subject.sized(grid), backend)?;
+    let timing = clock_options(&mut synth, subject.state, options.patience)?;
+    let states = std::slice::from_ref(subject.state);
+    let clock = Clock {
+        states,
+        options: &timing,
+    };
+    let frame = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
+    let mut times = vec![(WHOLE.to_owned(), frame.median_ms)];
+    if let Some(gpu) = synth.gpu().cloned()
+        && synth.render_to_texture(subject.state).is_ok()
+    {
+        let left = clock.wall(&mut synth, |synth, state| {
+            synth.render_to_texture(state)?;
+            Ok(gpu.wait("the end of a frame")?)
+        })?;
+        times.push((LEFT.to_owned(), left.median_ms));
+    }
+    let (passes, _) = clock.passes(&mut synth)?;
+    times.extend(
+        passes
+            .into_iter()
+            .map(|pass| (pass.name.to_owned(), pass.time.median_ms)),
+    );
+    Ok(times)
+}
+
+/// Each size in turn, until a frame takes too long.
+fn all_sizes(
+    subject: &Subject<'_>,
+    options: &CompareOptions,
+    name: &str,
+    backend: impl Fn() -> Backend,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Option<Times>>, CompareError> {
+    let mut sizes: Vec<Option<Times>> = Vec::new();
+    let mut stopped = false;
+    for &grid in &options.grids {
+        if stopped {
+            sizes.push(None);
+            continue;
+        }
+        match at_size(subject, options, grid, backend()) {
+            Ok(times) => {
+                stopped = times.first().is_some_and(|(_, ms)| *ms > options.most_ms);
+                if stopped && grid != options.grids[options.grids.len() - 1] {
+                    notes.push(format!(
+                        "{name}: a frame of {} x {} took over {} ms; larger ones were not measured",
+                        grid[0], grid[1], options.most_ms
+                    ));
+                }
+                sizes.push(Some(times));
+            }
+            Err(CompareError::Synth(error @ crate::synth::SynthError::Gpu(_))) => {
+                notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
+                (stopped, _) = (true, sizes.push(None));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(sizes)
+}
+
+/// Rows of all sizes: each GPU beside the CPU; the CPU alone where there is none.
+pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, CompareError> {
+    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("grid", "grid")];
+    let axes = [
+        Axis::log("samples", "samples", "samples of a frame"),
+        CPU_MS,
+        GPU_MS,
+        RATIO,
+    ];
+    let title = "Frames (wall clock) and passes (timestamps of the GPU), CPU in single precision";
+    let mut table = Table::new("compare_passes", title, &factors, &axes);
+    let cpu = all_sizes(subject, options, "the CPU", || Backend::Cpu, notes)?;
+    let mut gpus: Vec<(String, Vec<Option<Times>>)> = Vec::new();
+    for gpu in &options.gpus {
+        let name = gpu.report().name.clone();
+        let sizes = all_sizes(subject, options, &name, || Backend::Gpu(Box::new(gpu.clone())), notes)?;
+        gpus.push((name, sizes));
+    }
+    if gpus.is_empty() {
+        gpus.push(("none".to_owned(), vec![None; options.grids.len()]));
+    }
+    let find = |times: &Option<Times>, what: &str| {
+        let times = times.as_ref()?;
+        times.iter().find(|(name, _)| name == what).map(|(_, ms)| *ms)
+    };
+    for (name, sizes) in &gpus {
+        let seen = cpu.iter().chain(sizes).flatten();
+        let longest = seen.max_by_key(|times| times.len());
+        let whats: Vec<String> =
+            longest.map_or(Vec::new(), |times| times.iter().map(|(what, _)| what.clone()).collect());
+        for what in whats {
+            for ((grid, on_cpu), on_gpu) in options.grids.iter().zip(&cpu).zip(sizes) {
+                // A frame left on the GPU competes with one that the CPU has ready.
+                let (cpu_ms, gpu_ms) = (
+                    find(on_cpu, if what == LEFT { WHOLE } else { &what }),
+                    find(on_gpu, &what),
+                );
+                if cpu_ms.is_none() && gpu_ms.is_none() {
+                    continue;
+                }
+                let samples = f64::from(grid[0]) * f64::from(grid[1]);
+                table.push(
+                    vec![name.clone(), what.clone(), format!("{} x {}", grid[0], grid[1])],
+                    vec![Some(samples), cpu_ms, gpu_ms, ratio(cpu_ms, gpu_ms)],
+                    None,
+                );
+            }
+        }
+    }
+    Ok(table)
+}

@@ -1,0 +1,91 @@
+use super::*;
+use crate::study::testing::scene;
+
+fn options() -> CompareOptions {
+    CompareOptions {
+        grids: vec![[16, 32], [32, 64]],
+        effects_grid: [32, 64],
+        patience: Duration::ZERO,
+        most_ms: 1e6,
+        nodes: vec![150],
+        updates: 4,
+        gpus: Vec::new(),
+    }
+}
+
+#[test]
+fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
+    let (anatomy, settings, state) = scene();
+    let subject = Subject {
+        anatomy: &anatomy,
+        settings: &settings,
+        state: &state,
+    };
+    let mut last = 0.0;
+    let study = compare(&subject, &options(), &mut |_, share| {
+        assert!(share >= last);
+        last = share;
+    })
+    .unwrap();
+    assert_eq!(last, 1.0);
+    assert!(study.text().contains("no GPU adapter"));
+    let table = |key: &str| study.tables.iter().find(|table| table.key == key).unwrap();
+    let passes = table("compare_passes");
+    assert!(passes.rows.iter().any(|row| row.choices[1] == "speckle_scatter"));
+    assert!(
+        passes
+            .rows
+            .iter()
+            .all(|row| row.values[1].is_some() && row.values[2].is_none())
+    );
+    assert!(table("compare_crossing").rows.is_empty());
+    assert_eq!(table("compare_solvers").rows[0].choices[0], "none");
+    assert!(study.tables.iter().all(|table| table.key != "compare_transfers"));
+    let effects: Vec<&str> = table("compare_effects")
+        .rows
+        .iter()
+        .map(|row| row.choices[1].as_str())
+        .collect();
+    let expected = [
+        "noise",
+        "tone",
+        "receiver",
+        "blur",
+        "shadow",
+        "interface",
+        "speckle",
+        "texture",
+    ];
+    assert_eq!(effects[1..effects.len() - 1], expected);
+    let memory = table("compare_memory");
+    assert_eq!(memory.rows.len(), expected.len());
+    assert!(memory.rows.iter().all(|row| row.flag.is_none()), "{}", memory.text());
+    let speckle = memory.rows.iter().find(|row| row.choices[1] == "speckle").unwrap();
+    assert!(
+        speckle.values[0] > Some(1000.0) && speckle.values[2] == Some(0.0),
+        "{speckle:?}"
+    );
+}
+
+#[test]
+fn the_gpu_wins_from_where_it_stays_ahead() {
+    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("grid", "grid")];
+    let mut table = Table::new("compare_passes", "", &factors, &[RATIO]);
+    let mut push = |what: &str, ratios: [Option<f64>; 4]| {
+        for (size, ratio) in ["a", "b", "c", "d"].iter().zip(ratios) {
+            table.push(
+                vec!["g".to_owned(), what.to_owned(), (*size).to_owned()],
+                vec![ratio],
+                None,
+            );
+        }
+    };
+    push("always", [Some(2.0), Some(3.0), Some(4.0), Some(5.0)]);
+    push("at last", [Some(1.5), Some(0.9), Some(1.1), Some(2.0)]);
+    push("never", [Some(0.1), Some(0.5), Some(0.9), None]);
+    push("unknown", [None; 4]);
+    let found = crossing::crossing(&table);
+    let wins: Vec<&str> = found.rows.iter().map(|row| row.choices[2].as_str()).collect();
+    assert_eq!(wins, ["from the smallest, a", "from c", "never up to c"]);
+    assert_eq!(found.rows[2].values, [Some(0.1), Some(0.9)]);
+}

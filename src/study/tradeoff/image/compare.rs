@@ -1,0 +1,99 @@
+//! A way of making a picture: timed, and compared with a standard.
+
+use std::time::{Duration, Instant};
+
+use crate::study::spread::{Spread, percentile};
+use crate::synth::{FrameState, SynthError, Synthesizer};
+
+/// Frames that a way is timed over at least, after one that is not timed.
+const LEAST: usize = 3;
+/// And at most.
+const MOST: usize = 200;
+
+/// What one way of making a picture came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    pub pixels: Vec<u8>,
+    pub time: Option<Spread>,
+    pub memory_mb: f64,
+}
+
+/// Renders a frame, again and again until `patience` is spent.
+pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
+    let pixels = synth.render(state)?.pixels.clone();
+    let (start, mut times) = (Instant::now(), Vec::with_capacity(MOST));
+    while times.len() < LEAST || (times.len() < MOST && start.elapsed() < patience) {
+        let before = Instant::now();
+        synth.render(state)?;
+        times.push(before.elapsed().as_secs_f64() * 1e3);
+    }
+    Ok(Picture {
+        pixels,
+        time: Spread::of(times),
+        memory_mb: synth.memory_bytes() as f64 * 1e-6,
+    })
+}
+
+/// How far a picture is from its standard, in grey levels, over the pixels inside the sector.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Apart {
+    pub rms: f64,
+    pub p99: f64,
+    /// Mean difference: positive where the picture is brighter.
+    pub bias: f64,
+}
+
+impl Apart {
+    pub fn of(standard: &[u8], found: &[u8], inside: &[bool]) -> Self {
+        let pairs = standard.iter().zip(found).zip(inside).filter(|(_, inside)| **inside);
+        let off: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();
+        let n = off.len().max(1) as f64;
+        let mut sizes: Vec<f64> = off.iter().map(|x| x.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        Self {
+            rms: (off.iter().map(|x| x * x).sum::<f64>() / n).sqrt(),
+            p99: percentile(&sizes, 0.99).unwrap_or(0.0),
+            bias: off.iter().sum::<f64>() / n,
+        }
+    }
+
+    /// What no approximation does: it errs to both sides. A mean of more than a grey level and half of all error is an offset.
+    pub fn offset(&self) -> Option<String> {
+        (self.bias.abs() > 1.0 + 0.5 * self.rms).then(|| {
+            format!(
+                "{:+.1} grey levels on the whole: an offset, no approximation",
+                self.bias
+            )
+        })
+    }
+
+    /// As [`Apart::offset`], and a refinement must not be further off than the level before it by more than a tenth and a rounding.
+    pub fn flag(&self, coarser: Option<&Apart>) -> Option<String> {
+        let worse = coarser.filter(|coarser| self.rms > 1.1 * coarser.rms + 0.3);
+        self.offset().or_else(|| {
+            worse.map(|coarser| {
+                format!(
+                    "RMS {:.2}, above {:.2} of the coarser level before it",
+                    self.rms, coarser.rms
+                )
+            })
+        })
+    }
+}
+
+/// Pixels inside the sector.
+pub fn inside(synth: &Synthesizer) -> Vec<bool> {
+    synth.tables().scan_map.iter().map(|at| at[0] >= 0.0).collect()
+}
+
+/// The values of [`super::PICTURE`].
+pub fn values(picture: &Picture, apart: Option<&Apart>) -> Vec<Option<f64>> {
+    vec![
+        picture.time.map(|time| time.median_ms),
+        picture.time.map(|time| time.p95_ms),
+        Some(picture.memory_mb),
+        apart.map(|apart| apart.rms),
+        apart.map(|apart| apart.p99),
+        apart.map(|apart| apart.bias),
+    ]
+}

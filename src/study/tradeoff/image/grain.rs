@@ -1,0 +1,193 @@
+//! What makes tissue look grainy: textures, and models of speckle.
+
+use super::compare::{Apart, inside, picture, values};
+use super::scene::{Subject, coarsened, without_grain};
+use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
+use crate::effects::Effects;
+use crate::effects::noise::Noise;
+use crate::effects::speckle::Speckle;
+use crate::effects::tone::Tone;
+use crate::study::anatomies::{self, PLAIN};
+use crate::study::tradeoff::Axis;
+use crate::synth::tables::{ImageSize, Settings};
+use crate::synth::{Backend, FrameState, Synthesizer};
+use crate::tracking::probe::{Probe, ProbeShape};
+use nalgebra::Matrix4;
+
+/// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) of a neper of amplitude.
+const SPECKLE_DB: f64 = 5.57;
+/// Side of a pixel of the uniform field, mm.
+const PIXEL_MM: f64 = 0.1;
+const SIDE: usize = 400;
+
+pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    Ok(vec![textures(options)?, models(options)?])
+}
+
+/// Textures have one way of being looked up, trilinear; the other is none.
+fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
+    let subject = Subject::new(options.voxel_mm)?;
+    let own = without_grain(subject.grid(coarsened(options, [256, 512])));
+    let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
+    let standard = gold.render(&subject.state)?.pixels.clone();
+    let inside = inside(&gold);
+    let title = "Solid textures, without speckle, against trilinear look-ups in double precision";
+    let mut table = Table::new("image_texture", title, &[factor("texture", "texture")], &PICTURE);
+    for (name, textured) in [("trilinear", true), ("none: constant echo", false)] {
+        let mut settings = own.clone();
+        if !textured {
+            settings.effects.texture = None;
+        }
+        let mut synth = subject.on(settings, Backend::Cpu)?;
+        let found = picture(&mut synth, &subject.state, options.patience)?;
+        let apart = Apart::of(&standard, &found.pixels, &inside);
+        let flag = textured.then(|| super::grid::rounding(&apart)).flatten();
+        table.push(vec![name.to_owned()], values(&found, Some(&apart)), flag);
+    }
+    Ok(table)
+}
+
+/// Constant tissue under one of the models.
+fn uniform(effects: Effects) -> Settings {
+    let side_mm = SIDE as f64 * PIXEL_MM;
+    Settings {
+        seed: 0,
+        probe: Probe {
+            shape: ProbeShape::Linear { width_mm: side_mm },
+            depth_mm: side_mm,
+            frequency_mhz: 7.0,
+            lines: 256,
+            samples: 512,
+        },
+        image: ImageSize {
+            width: SIDE,
+            height: SIDE,
+            margin: 0.0,
+            fill: 0,
+        },
+        effects: Effects {
+            tone: Some(Tone {
+                gain_db: 0.0,
+                ..Tone::default()
+            }),
+            ..effects
+        },
+        has_needle: false,
+    }
+}
+
+/// Standard deviation of the grey levels, and full widths at half maximum of their correlation down and across, mm.
+struct Look {
+    std_grey: f64,
+    axial_mm: f64,
+    lateral_mm: f64,
+}
+
+impl Look {
+    fn of(pixels: &[u8]) -> Self {
+        // The middle, clear of the edges of the sector.
+        let (low, high) = (SIDE / 8, SIDE - SIDE / 8);
+        let at = |row: usize, column: usize| f64::from(pixels[row * SIDE + column]);
+        let each = || (low..high).flat_map(|row| (low..high).map(move |column| [row, column]));
+        let n = each().count() as f64;
+        let mean = each().map(|[row, column]| at(row, column)).sum::<f64>() / n;
+        let product = |[down, across]: [usize; 2]| {
+            let pairs = each().filter(|[row, column]| row + down < high && column + across < high);
+            let (sum, count) = pairs.fold((0.0, 0.0), |(sum, count), [row, column]| {
+                let product = (at(row, column) - mean) * (at(row + down, column + across) - mean);
+                (sum + product, count + 1.0)
+            });
+            sum / count
+        };
+        let variance = product([0, 0]);
+        let width = |step: [usize; 2]| {
+            let mut before = 1.0;
+            for lag in 1..SIDE / 4 {
+                let now = product(step.map(|part| part * lag)) / variance;
+                if now < 0.5 {
+                    return 2.0 * PIXEL_MM * (lag as f64 - (0.5 - now) / (before - now));
+                }
+                before = now;
+            }
+            f64::NAN
+        };
+        let grainy = variance > 1e-9;
+        Self {
+            std_grey: variance.max(0.0).sqrt(),
+            axial_mm: if grainy { width([1, 0]) } else { 0.0 },
+            lateral_mm: if grainy { width([0, 1]) } else { 0.0 },
+        }
+    }
+}
+
+fn models(options: &ImageOptions) -> Result<Table, ImageError> {
+    let asked = Speckle {
+        focal_zone_mm: 10_000.0,
+        ..Speckle::default()
+    };
+    let dynamic_range_db = Tone::default().dynamic_range_db;
+    let expected = 255.0 * SPECKLE_DB / dynamic_range_db;
+    let axes = [
+        MEDIAN,
+        P95,
+        MEMORY,
+        Axis::linear("std_grey", "std grey", "standard deviation, grey levels"),
+        Axis::log(
+            "std_error_grey",
+            "std off",
+            "error of the standard deviation, grey levels",
+        ),
+        Axis::linear("axial_mm", "axial mm", "correlation length along the beam, mm"),
+        Axis::linear("lateral_mm", "lateral mm", "correlation length across the beam, mm"),
+        Axis::log("length_error_mm", "mm off", "error of the correlation lengths, mm"),
+    ];
+    let title = format!(
+        "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {} by {} mm",
+        asked.axial_mm, asked.lateral_mm
+    );
+    let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes);
+    let ways = [
+        ("none", Effects::default()),
+        (
+            "additive noise",
+            Effects {
+                noise: Some(Noise { std_grey: expected }),
+                ..Effects::default()
+            },
+        ),
+        (
+            "fully developed speckle",
+            Effects {
+                speckle: Some(asked.clone()),
+                ..Effects::default()
+            },
+        ),
+    ];
+    let state = FrameState::at(Matrix4::identity());
+    for (name, effects) in ways {
+        let developed = effects.speckle.is_some();
+        let mut synth = Synthesizer::new(anatomies::uniform(PLAIN), uniform(effects), Backend::Cpu)?;
+        let found = picture(&mut synth, &state, options.patience)?;
+        let look = Look::of(&found.pixels);
+        let off = (look.std_grey - expected).abs();
+        let lengths = (look.axial_mm - asked.axial_mm)
+            .abs()
+            .max((look.lateral_mm - asked.lateral_mm).abs());
+        // Some 900 cells of speckle: their standard deviation is known to 5 % or better; logarithms narrow the correlation by a tenth.
+        let wrong = developed && (off > 0.15 * expected || lengths > 0.3 * asked.lateral_mm);
+        let flag = wrong.then(|| "not what fully developed speckle is".to_owned());
+        let time = found.time;
+        let all = vec![
+            time.map(|time| time.median_ms),
+            time.map(|time| time.p95_ms),
+            Some(found.memory_mb),
+            Some(look.std_grey),
+            Some(off),
+            Some(look.axial_mm),
+            Some(look.lateral_mm),
+            Some(lengths),
+        ];
+        table.push(vec![name.to_owned()], all, flag);
+    }
+    Ok(table)
+}

@@ -1,0 +1,124 @@
+//! Scanlines by samples; precisions and backends.
+
+use super::compare::{Apart, inside, picture, values};
+use super::scene::{Subject, coarsened, single, too_large, without_grain};
+use super::{BACKEND, ImageError, ImageOptions, PICTURE, Table, factor};
+use crate::gpu::Gpu;
+use crate::study::tradeoff::Axis;
+use crate::synth::Backend;
+use crate::synth::tables::Settings;
+
+fn name([lines, samples]: [u32; 2]) -> String {
+    format!("{lines} x {samples}")
+}
+
+/// What of a scene is compared.
+type Content = (&'static str, fn(Settings) -> Settings);
+
+/// Of the structure, which converges, and of whole frames, whose receiver noise is drawn for each sample of a grid.
+const CONTENTS: [Content; 2] = [
+    ("structure", without_grain),
+    ("with speckle and noise", |settings| settings),
+];
+
+pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    let subject = Subject::new(options.voxel_mm)?;
+    let samples = Axis::log("samples", "samples", "samples of a frame");
+    let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
+    let finest = options.grids[options.grids.len() - 1];
+    let title = format!("Beam grid, against {} in double precision", name(finest));
+    let factors = [factor("content", "content"), BACKEND, factor("grid", "grid")];
+    let mut table = Table::new("image_grid", title, &factors, &axes);
+    for (content, keep) in CONTENTS {
+        let settings = |grid| keep(subject.grid(grid));
+        let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
+        let standard = gold.render(&subject.state)?.pixels.clone();
+        let inside = inside(&gold);
+        drop(gold);
+        for (backend, device) in single(fitting(options, &subject, &settings(finest), notes)?) {
+            let mut synth = subject.on(settings(options.grids[0]), device)?;
+            let mut coarser: Option<Apart> = None;
+            for &grid in &options.grids {
+                synth.set(settings(grid))?;
+                let found = picture(&mut synth, &subject.state, options.patience)?;
+                let apart = Apart::of(&standard, &found.pixels, &inside);
+                // What is drawn for each sample does not converge.
+                let flag = match content {
+                    "structure" => apart.flag(coarser.as_ref()),
+                    _ => apart.offset(),
+                };
+                let size = f64::from(grid[0]) * f64::from(grid[1]);
+                let all = std::iter::once(Some(size))
+                    .chain(values(&found, Some(&apart)))
+                    .collect();
+                table.push(vec![content.to_owned(), backend.clone(), name(grid)], all, flag);
+                coarser = Some(apart);
+            }
+        }
+    }
+    table.mark_front("median_ms", "rms_grey", "content");
+    Ok(vec![table])
+}
+
+/// The GPUs, if all of them take the finest grid.
+fn fitting<'a>(
+    options: &'a ImageOptions,
+    subject: &Subject,
+    finest: &Settings,
+    notes: &mut Vec<String>,
+) -> Result<&'a [Gpu], ImageError> {
+    Ok(match too_large(subject, finest, &options.gpus)? {
+        None => &options.gpus,
+        Some(why) => {
+            if !notes.contains(&why) {
+                notes.push(why);
+            }
+            &[]
+        }
+    })
+}
+
+/// The standard first.
+fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
+    std::iter::once(("cpu f64".to_owned(), Backend::CpuF64))
+        .chain(single(&options.gpus))
+        .collect()
+}
+
+/// The same scene in double and single precision and on each GPU, at the grid of the default scene and one below it.
+pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    let subject = Subject::new(options.voxel_mm)?;
+    let factors = [factor("grid", "grid"), BACKEND];
+    let title = "Precisions and backends, every usual effect, against double precision on the CPU";
+    let mut table = Table::new("image_backend", title, &factors, &PICTURE);
+    for grid in [[128, 256], [256, 512]].map(|grid| coarsened(options, grid)) {
+        let mut standard: Option<Vec<u8>> = None;
+        for (backend, device) in all(options) {
+            let mut synth = subject.on(subject.grid(grid), device)?;
+            let found = picture(&mut synth, &subject.state, options.patience)?;
+            let apart = Apart::of(
+                standard.as_ref().unwrap_or(&found.pixels),
+                &found.pixels,
+                &inside(&synth),
+            );
+            table.push(
+                vec![name(grid), backend],
+                values(&found, Some(&apart)),
+                rounding(&apart),
+            );
+            standard.get_or_insert(found.pixels);
+        }
+    }
+    table.mark_front("median_ms", "rms_grey", "grid");
+    Ok(vec![table])
+}
+
+/// What rounding does not do: 99 of 100 pixels keep to one grey level, and there is no offset.
+pub fn rounding(apart: &Apart) -> Option<String> {
+    (apart.p99 > 1.0 || apart.bias.abs() > 0.1).then(|| {
+        format!(
+            "99 of 100 pixels within {} grey levels, {:+.2} on the whole: more than rounding",
+            apart.p99, apart.bias
+        )
+    })
+}

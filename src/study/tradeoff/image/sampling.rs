@@ -1,0 +1,92 @@
+//! Samples down a shadow, scanlines across a blur.
+
+use super::compare::{Apart, inside, picture, values};
+use super::scene::{Subject, coarsened};
+use super::{ImageError, ImageOptions, PICTURE, Table, factor};
+use crate::effects::Effects;
+use crate::synth::Backend;
+use crate::synth::tables::Settings;
+
+/// One effect by itself over slices, and the grids that refine what it sums up.
+struct Way {
+    name: &'static str,
+    keep: fn(&Effects) -> Effects,
+    /// The finest last: the standard.
+    grids: [[u32; 2]; 6],
+}
+
+const SAMPLES: [[u32; 2]; 6] = [[256, 64], [256, 128], [256, 256], [256, 512], [256, 1024], [256, 4096]];
+const LINES: [[u32; 2]; 6] = [[32, 512], [64, 512], [128, 512], [256, 512], [512, 512], [1024, 512]];
+
+fn bare(effects: &Effects) -> Effects {
+    Effects {
+        tone: effects.tone.clone(),
+        ..Effects::default()
+    }
+}
+
+const WAYS: [Way; 3] = [
+    Way {
+        name: "shadow, soft edges",
+        keep: |effects| Effects {
+            shadow: effects.shadow.clone(),
+            ..bare(effects)
+        },
+        grids: SAMPLES,
+    },
+    Way {
+        name: "shadow, hard edges",
+        keep: |effects| Effects {
+            shadow: effects
+                .shadow
+                .clone()
+                .map(|shadow| crate::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
+            ..bare(effects)
+        },
+        grids: SAMPLES,
+    },
+    Way {
+        name: "blur",
+        keep: |effects| Effects {
+            blur: effects.blur.clone(),
+            ..bare(effects)
+        },
+        grids: LINES,
+    },
+];
+
+pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    let subject = Subject::new(options.voxel_mm)?;
+    let factors = [factor("effect", "effect"), factor("grid", "grid")];
+    let title =
+        "Sampling of shadow (samples) and blur (scanlines), each by itself, against the finest in double precision";
+    let mut table = Table::new("image_sampling", title, &factors, &PICTURE);
+    for way in WAYS {
+        let settings = |grid| -> Settings {
+            let own = subject.grid(grid);
+            Settings {
+                effects: (way.keep)(&own.effects),
+                ..own
+            }
+        };
+        let [grids @ .., finest] = way.grids.map(|grid| coarsened(options, grid));
+        let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
+        let standard = gold.render(&subject.state)?.pixels.clone();
+        let inside = inside(&gold);
+        let mut coarser: Option<Apart> = None;
+        for grid in grids {
+            let mut synth = subject.on(settings(grid), Backend::Cpu)?;
+            let found = picture(&mut synth, &subject.state, options.patience / 2)?;
+            let apart = Apart::of(&standard, &found.pixels, &inside);
+            let name = format!("{} x {}", grid[0], grid[1]);
+            table.push(
+                vec![way.name.to_owned(), name],
+                values(&found, Some(&apart)),
+                apart.flag(coarser.as_ref()),
+            );
+            coarser = Some(apart);
+        }
+    }
+    table.mark_front("median_ms", "rms_grey", "effect");
+    Ok(vec![table])
+}

@@ -1,0 +1,78 @@
+//! The scene that most tables are about.
+
+use nalgebra::Matrix4;
+
+use super::{ImageError, ImageOptions};
+use crate::gpu::Gpu;
+use crate::plan::Plan;
+use crate::scene::{Scene, SceneFile};
+use crate::synth::tables::{Settings, Tables};
+use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
+
+/// The abdomen phantom under its own probe, at the 640 x 480 pixels of the default scene.
+pub struct Subject {
+    pub scene: Scene,
+    pub state: FrameState,
+}
+
+impl Subject {
+    pub fn new(voxel_mm: f64) -> Result<Self, ImageError> {
+        let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
+        let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
+        (scene.settings.image.width, scene.settings.image.height) = (640, 480);
+        let mut state = FrameState::at(Matrix4::identity());
+        scene.state(0, 1, &mut state)?;
+        Ok(Self { scene, state })
+    }
+
+    /// The settings under another grid.
+    pub fn grid(&self, [lines, samples]: [u32; 2]) -> Settings {
+        let mut settings = self.scene.settings.clone();
+        (settings.probe.lines, settings.probe.samples) = (lines, samples);
+        settings
+    }
+
+    pub fn on(&self, settings: Settings, backend: Backend) -> Result<Synthesizer, SynthError> {
+        Synthesizer::new(self.scene.anatomy.clone(), settings, backend)
+    }
+}
+
+/// A grid that is coarsened as the options ask.
+pub fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
+    grid.map(|count| (count / options.coarsen.max(1)).max(1))
+}
+
+/// Settings without what is drawn anew for every grid: what is left is structure.
+pub fn without_grain(mut settings: Settings) -> Settings {
+    settings.effects.speckle = None;
+    settings.effects.receiver = None;
+    settings
+}
+
+/// The single-precision CPU and each GPU, with their names.
+pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
+    let on_gpus = gpus.iter().map(|gpu| {
+        (
+            format!("gpu, {}", gpu.report().name),
+            Backend::Gpu(Box::new(gpu.clone())),
+        )
+    });
+    std::iter::once(("cpu f32".to_owned(), Backend::Cpu))
+        .chain(on_gpus)
+        .collect()
+}
+
+/// Whether a scene exceeds a limit of a device: such a way is left out and noted.
+pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result<Option<String>, SynthError> {
+    let plan = Plan::new(&Tables::new(subject.scene.anatomy.clone(), settings.clone())?);
+    let largest = plan
+        .resources
+        .iter()
+        .filter(|planned| !planned.resource.is_per_pixel())
+        .map(|planned| planned.bytes)
+        .max();
+    let too_small = gpus
+        .iter()
+        .find(|gpu| largest.is_some_and(|bytes| bytes > gpu.limits().max_storage_buffer_binding_size));
+    Ok(too_small.map(|gpu| format!("{} binds no buffer as large as this grid needs", gpu.report().name)))
+}

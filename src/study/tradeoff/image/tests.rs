@@ -1,0 +1,112 @@
+use super::compare::{Apart, picture};
+use super::grid::rounding;
+use super::*;
+use crate::study::testing;
+use crate::synth::{Backend, Synthesizer};
+
+fn frame(change: impl Fn(&mut crate::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
+    let (anatomy, mut settings, state) = testing::scene();
+    settings.effects.noise = None;
+    change(&mut settings);
+    let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
+    let found = picture(&mut synth, &state, Duration::ZERO).unwrap();
+    assert!(found.memory_mb > 0.0 && found.time.is_some_and(|time| time.frames == 3));
+    (found.pixels, compare::inside(&synth))
+}
+
+#[test]
+fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
+    let (standard, inside) = frame(|_| {});
+    let same = Apart::of(&standard, &standard, &inside);
+    assert_eq!((same, same.offset(), rounding(&same)), (Apart::default(), None, None));
+    // The seeded mistake: 2 dB of gain that nobody asked for.
+    let (louder, _) = frame(|settings| {
+        settings.effects.tone.get_or_insert_default().gain_db += 2.0;
+    });
+    let wrong = Apart::of(&standard, &louder, &inside);
+    assert!(wrong.bias > 3.0, "{wrong:?}");
+    for flag in [wrong.offset(), wrong.flag(None), rounding(&wrong)] {
+        assert!(flag.is_some(), "{wrong:?}");
+    }
+    // In the report it reads so.
+    let mut table = Table::new("image_grid", "A grid", &[BACKEND], &PICTURE);
+    table.push(
+        vec!["louder".to_owned()],
+        vec![None, None, None, Some(wrong.rms), None, None],
+        wrong.flag(None),
+    );
+    assert!(table.text().contains("WRONG: +"), "{}", table.text());
+    table.mark_front("median_ms", "rms_grey", "backend");
+    assert!(!table.rows[0].best);
+}
+
+#[test]
+fn a_refinement_that_is_further_off_than_the_level_before_it_is_flagged() {
+    let off = |rms| Apart {
+        rms,
+        p99: 3.0 * rms,
+        bias: 0.0,
+    };
+    assert_eq!(off(2.0).flag(Some(&off(4.0))), None);
+    assert_eq!(off(4.1).flag(Some(&off(4.0))), None);
+    assert!(
+        off(6.0)
+            .flag(Some(&off(4.0)))
+            .is_some_and(|flag| flag.contains("coarser"))
+    );
+}
+
+#[test]
+fn errors_are_those_of_the_pixels_inside() {
+    let apart = Apart::of(&[10, 20, 30, 40], &[11, 18, 30, 255], &[true, true, true, false]);
+    assert_eq!(
+        (apart.rms, apart.p99, apart.bias),
+        ((5.0f64 / 3.0).sqrt(), 2.0, -1.0 / 3.0)
+    );
+}
+
+#[test]
+fn every_table_is_filled_and_nothing_in_it_is_wrong() {
+    let options = ImageOptions {
+        grids: vec![[48, 96], [96, 192], [192, 384]],
+        voxel_mm: 4.0,
+        coarsen: 4,
+        nodes: vec![200],
+        points: 60,
+        patience: Duration::ZERO,
+        gpus: Vec::new(),
+    };
+    let mut last = 0.0;
+    let study = study(&options, &mut |_, share| {
+        assert!(share >= last);
+        last = share;
+    })
+    .unwrap();
+    assert_eq!(last, 1.0);
+    let rows: Vec<(&str, usize)> = study.tables.iter().map(|table| (table.key, table.rows.len())).collect();
+    let expected = [
+        ("image_grid", 6),
+        ("image_backend", 4),
+        ("image_labels", 8),
+        ("image_sampling", 15),
+        ("image_texture", 2),
+        ("image_grain", 3),
+        ("image_location", 3),
+    ];
+    assert_eq!(rows, expected);
+    for table in &study.tables {
+        assert!(
+            table.rows.iter().all(|row| row.flag.is_none()),
+            "{}\n{}",
+            table.title,
+            table.text()
+        );
+    }
+    assert_eq!(study.plots().len(), 4);
+    assert!(study.text().contains("no GPU adapter"));
+    let few = ImageOptions {
+        grids: vec![[8, 8]],
+        ..options
+    };
+    assert!(matches!(super::study(&few, &mut |_, _| {}), Err(ImageError::Grids(1))));
+}
