@@ -35,6 +35,14 @@ fn wrong_arguments_are_status_2() {
     bench
         .run("phantom two-layer -o a.xyz --resolution-mm 4")
         .fails(2, &["a.xyz", ".nrrd"]);
+    bench.run("bench scene.toml -o report").fails(2, &["--compare"]);
+    bench.run("bench --compare --frames 3").fails(2, &["--frames"]);
+    bench
+        .run("bench --compare --backend cpu-f64")
+        .fails(2, &["single precision"]);
+    bench
+        .run("tradeoff image --backend cpu-f64")
+        .fails(2, &["double precision"]);
     assert_eq!(bench.files("."), ["scene.toml"]);
 }
 
