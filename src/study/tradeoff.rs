@@ -2,7 +2,8 @@
 //!
 //! A [`Study`] holds [`Table`]s. A row of a table is one way of doing a thing: [`Factor`]s say which (level, backend, precision,
 //! size), [`Axis`] by axis it has a figure (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study
-//! only measures and fills in; text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
+//! only measures and fills in, names the gold standard of each table and what a user wants of it ([`Goal`]); advice follows from
+//! the rows ([`Table::advice`]); text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
 //!
 //! | module | what it studies |
 //! |---|---|
@@ -13,6 +14,7 @@
 //! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
 //! | [`image`] | grids, labels, sampling, grain and backends of images |
 
+mod advice;
 pub mod beam;
 pub mod history;
 pub mod image;
@@ -25,6 +27,7 @@ pub mod tissue;
 
 use serde::Serialize;
 
+pub use advice::{Advice, FORCE_N, Goal, SHIFT_MM, Way};
 pub use render::RenderError;
 
 use super::machine::Machine;
@@ -46,7 +49,7 @@ pub struct Axis {
     pub key: &'static str,
     /// Heading of a column, short.
     pub heading: &'static str,
-    /// Label of a plot's axis, with the unit.
+    /// Label of a plot's axis; where it has a unit, that stands behind the last comma.
     pub label: &'static str,
     /// Whether plots show it on a logarithmic scale.
     pub log: bool,
@@ -72,6 +75,11 @@ impl Axis {
             log: false,
         }
     }
+
+    /// The unit; empty where there is none.
+    pub fn unit(&self) -> &'static str {
+        self.label.rsplit_once(", ").map_or("", |(_, unit)| unit)
+    }
 }
 
 /// One way of doing a thing, and how it did.
@@ -83,6 +91,8 @@ pub struct Row {
     pub values: Vec<Option<f64>>,
     /// Whether nothing of its kind is better in everything that counts (see [`Table::mark_front`]).
     pub best: bool,
+    /// Whether the others are compared with it (see [`Table::mark_gold`]).
+    pub gold: bool,
     /// What is wrong with it: a promise broken.
     pub flag: Option<String>,
 }
@@ -94,6 +104,10 @@ pub struct Table {
     pub key: &'static str,
     /// Heading.
     pub title: String,
+    /// What errors are measured against; empty where there are none.
+    pub gold: String,
+    /// What a user wants of it; none where it shows how things are and there is nothing to choose.
+    pub goal: Option<Goal>,
     /// What tells rows apart.
     pub factors: Vec<Factor>,
     /// What is measured.
@@ -154,6 +168,8 @@ impl Table {
         Table {
             key,
             title: title.into(),
+            gold: String::new(),
+            goal: None,
             factors: factors.to_vec(),
             axes: axes.to_vec(),
             rows: Vec::new(),
@@ -167,6 +183,32 @@ impl Table {
             listed: false,
             ..Table::new(key, title, factors, axes)
         }
+    }
+
+    /// Names what errors are measured against.
+    pub fn against(mut self, gold: impl Into<String>) -> Self {
+        self.gold = gold.into();
+        self
+    }
+
+    /// Says what a user wants of it.
+    ///
+    /// # Panics
+    /// If a key is none of the table's: that is the program's own fault.
+    pub fn seeking(mut self, goal: Goal) -> Self {
+        let axes = [goal.cost, goal.error].map(|key| self.axis(key).is_some());
+        let mut factors = goal.each.iter().chain(&goal.over);
+        let known = axes == [true; 2] && factors.all(|key| self.factor(key).is_some());
+        assert!(known, "keys of {}: {goal:?}", self.key);
+        self.goal = Some(goal);
+        self
+    }
+
+    /// Marks the rows with this choice of a factor as what the others are compared with.
+    pub fn mark_gold(&mut self, factor: &str, choice: &str) {
+        let Some(at) = self.factor(factor) else { return };
+        let own = self.rows.iter_mut().filter(|row| row.choices[at] == choice);
+        own.for_each(|row| row.gold = true);
     }
 
     /// Adds a row. Values that are not finite count as not measured, and flag the row.
@@ -191,6 +233,7 @@ impl Table {
                 .map(|value| value.filter(|x| x.is_finite()))
                 .collect(),
             best: false,
+            gold: false,
             flag,
         });
     }

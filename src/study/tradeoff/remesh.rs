@@ -90,8 +90,8 @@ pub struct Measured {
     /// Updates after which everything was computed anew.
     pub rebuilds: usize,
     /// The worst of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and
-    /// 2-norms, and the largest |K X e - e| over the sampled columns.
-    pub errors: Option<[f64; 4]>,
+    /// 2-norms; the largest |K X e - e| over the sampled columns; the largest error of displacements for each newton of load, mm.
+    pub errors: Option<[f64; 5]>,
     /// Error of K^c after so many updates.
     pub drift: Vec<(usize, f64)>,
     /// What went wrong.
@@ -240,7 +240,7 @@ fn run(
                 .push((update, gold.error_of_contacts(contender.condensed())));
             if gold.has_samples() {
                 let found = gold.errors(subject, contender)?;
-                let worst = measured.errors.get_or_insert([0.0; 4]);
+                let worst = measured.errors.get_or_insert([0.0; 5]);
                 for (worst, error) in worst.iter_mut().zip(found) {
                     *worst = if error.is_nan() { error } else { worst.max(error) };
                 }

@@ -34,6 +34,9 @@ impl Study {
         let _ = writeln!(text, "machine: {}", self.machine);
         for table in self.tables.iter().filter(|table| table.listed) {
             let _ = write!(text, "\n{}\n{}", table.title, table.text());
+            for advice in table.advice() {
+                let _ = writeln!(text, "=> {}", advice.sentence());
+            }
         }
         if !self.notes.is_empty() {
             text.push('\n');
@@ -106,7 +109,7 @@ impl Study {
 }
 
 impl Table {
-    /// Aligned columns; best choices have a star, flags stand behind.
+    /// What errors are against; aligned columns; best choices have a star, flags stand behind.
     pub fn text(&self) -> String {
         let shown: Vec<usize> = (0..self.axes.len())
             .filter(|at| self.rows.iter().any(|row| row.values[*at].is_some()))
@@ -132,7 +135,10 @@ impl Table {
         let columns = 1 + self.factors.len() + shown.len();
         let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
         let widths: Vec<usize> = (0..columns).map(width).collect();
-        let mut text = String::new();
+        let mut text = match self.gold.is_empty() {
+            true => String::new(),
+            false => format!("errors against: {}\n", self.gold),
+        };
         for (at, line) in lines.iter().enumerate() {
             let mut out = String::new();
             for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
@@ -159,7 +165,7 @@ impl Table {
         let keys = self.factors.iter().map(|factor| factor.key);
         let keys = keys
             .chain(self.axes.iter().map(|axis| axis.key))
-            .chain(["best", "flag"]);
+            .chain(["best", "gold", "flag"]);
         let mut text = keys.collect::<Vec<_>>().join(",");
         text.push('\n');
         for row in &self.rows {
@@ -168,7 +174,11 @@ impl Table {
                 .iter()
                 .map(|value| value.map_or(String::new(), |x| format!("{x}")));
             let cells = row.choices.iter().map(|choice| quote(choice)).chain(values);
-            let end = [row.best.to_string(), quote(row.flag.as_deref().unwrap_or(""))];
+            let end = [
+                row.best.to_string(),
+                row.gold.to_string(),
+                quote(row.flag.as_deref().unwrap_or("")),
+            ];
             text.push_str(&cells.chain(end).collect::<Vec<_>>().join(","));
             text.push('\n');
         }
@@ -185,11 +195,14 @@ impl Table {
                 map.insert(axis.key.to_owned(), json!(value));
             }
             map.insert("best".to_owned(), json!(row.best));
+            map.insert("gold".to_owned(), json!(row.gold));
             map.insert("flag".to_owned(), json!(row.flag));
             Value::Object(map)
         };
         json!({
             "title": self.title,
+            "gold": self.gold,
+            "advice": self.advice(),
             "axes": self.axes,
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
         })
@@ -267,7 +280,7 @@ fn axis(axis: &Axis) -> plot::Axis {
 }
 
 /// Three digits, with a power of ten where the number is small or large.
-fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }

@@ -9,7 +9,7 @@ mod subject;
 #[cfg(test)]
 mod tests;
 
-use super::{Axis, Factor, Figure, Study, Table};
+use super::{Axis, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::{CreepError, Memory};
@@ -111,6 +111,7 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str, log
 const MEDIAN: Axis = axis("median_ms", "ms", "time of a step (median), ms", true);
 const TOTAL: Axis = axis("total_ms", "total ms", "time of all steps, ms", true);
 const ERROR: Axis = axis("error", "err u", "relative error of displacements", true);
+const ERROR_MM: Axis = axis("error_mm", "err mm", "largest error of displacements, mm", true);
 const ITERATIONS: Axis = axis("iterations", "iterations", "iterations of a step", false);
 const FACTORISATIONS: Axis = axis("factorisations", "factorisations", "factorisations of a step", false);
 const FORCE: Axis = axis("force_n", "force N", "force on the plate when it is down, N", false);
@@ -121,6 +122,7 @@ const ERROR_FORCE: Axis = axis(
     "relative error of the force when the plate is down",
     true,
 );
+const ERROR_N: Axis = axis("error_n", "err N", "error of the force when the plate is down, N", true);
 const OWN: Axis = axis(
     "error_own",
     "err steps",
@@ -169,8 +171,10 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
 
     next("the gold standard");
     let gold = truth(&subject, Model::Nonlinear, 1, false)?;
-    let axes = [TOTAL, MEDIAN, ERROR, ITERATIONS, FACTORISATIONS];
-    let mut table = Table::new("schemes", "Schemes in elastic tissue that stiffens", &FACTORS, &axes);
+    let axes = [TOTAL, MEDIAN, ERROR, ERROR_MM, ITERATIONS, FACTORISATIONS];
+    let mut table = Table::new("schemes", "Schemes in elastic tissue that stiffens", &FACTORS, &axes)
+        .against("full Newton to a hundredth of the tolerance")
+        .seeking(Goal::new("total_ms", "error_mm", SHIFT_MM));
     for (name, scheme) in schemes() {
         for &steps in &counts {
             next(&format!("{name}, {steps} steps"));
@@ -188,6 +192,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
                 total_ms(&walked),
                 median_ms(&walked),
                 Some(error),
+                Some(off_mm(&walked.displacement, &gold.displacement)),
                 each(walked.iterations),
                 each(walked.factorisations),
             ];
@@ -198,13 +203,15 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
 
     next("the finest model");
     let finest = truth(&subject, Model::Viscous(Memory::Rate), 4 * most, true)?;
-    let axes = [TOTAL, FORCE, RELAXED, ERROR_FORCE, OWN, ERROR];
+    let axes = [TOTAL, FORCE, RELAXED, ERROR_FORCE, ERROR_N, OWN, ERROR, ERROR_MM];
     let mut models = Table::new(
         "models",
         "Models against viscoelastic tissue in the finest steps",
         &MODELS,
         &axes,
-    );
+    )
+    .against("viscoelastic tissue by the law of rates in four times as many steps")
+    .seeking(Goal::new("total_ms", "error_n", FORCE_N));
     for (name, model) in ALL_MODELS {
         let own = match model {
             Model::Linear | Model::Nonlinear => None,
@@ -226,8 +233,10 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
                 Some(walked.force_n[0]),
                 Some(walked.force_n[1]),
                 Some(off(&finest)),
+                Some((walked.force_n[0] - finest.force_n[0]).abs()),
                 own.as_ref().map(off),
                 Some(relative(&walked.displacement, &finest.displacement)),
+                Some(off_mm(&walked.displacement, &finest.displacement)),
             ];
             models.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
         }
@@ -265,11 +274,13 @@ fn median_ms(walked: &Walked) -> Option<f64> {
 
 fn relative(found: &[f64], expected: &[f64]) -> f64 {
     let largest = expected.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
-    let off = found
-        .iter()
-        .zip(expected)
-        .fold(0.0, |a: f64, (x, y)| a.max((x - y).abs()));
-    off / largest
+    off_mm(found, expected) / largest
+}
+
+/// The largest difference, mm.
+fn off_mm(found: &[f64], expected: &[f64]) -> f64 {
+    let pairs = found.iter().zip(expected);
+    pairs.fold(0.0, |a: f64, (x, y)| a.max((x - y).abs()))
 }
 
 fn finish(options: &TissueOptions, subject: &Subject, tables: Vec<Table>) -> Study {

@@ -7,7 +7,7 @@ use super::{FINE_MM, apart, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam};
 use crate::study::beam::{TISSUES, problem};
 use crate::study::spread::Spread;
-use crate::study::tradeoff::{Figure, Table};
+use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const ELEMENTS_MM: [f64; 5] = [5.0, 2.0, 1.0, 0.5, FINE_MM];
 /// Solutions that are timed.
@@ -22,7 +22,9 @@ pub(super) fn table() -> Result<Table, BeamError> {
     ];
     let factors = [factor("case", "case"), factor("element_mm", "element")];
     let title = "Length of elements: 60 mm in, base 20 mm before the entry, moved by 15 mm, slope -0.2";
-    let mut table = Table::new("elements", title, &factors, &axes);
+    let mut table = Table::new("elements", title, &factors, &axes)
+        .against(format!("elements of {FINE_MM} mm"))
+        .seeking(Goal::new("median_ms", "error_mm", SHIFT_MM).over(&["case"]));
     let base = Base {
         displacement_mm: 15.0,
         slope: Some(-0.2),
@@ -59,6 +61,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
             table.push(vec![name.to_owned(), format!("{element_mm} mm")], values, None);
         }
     }
+    table.mark_gold("element_mm", &format!("{FINE_MM} mm"));
     table.mark_front("median_ms", "error_mm", "case");
     Ok(table)
 }

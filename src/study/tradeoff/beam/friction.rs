@@ -26,7 +26,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
         factor("friction", "friction"),
     ];
     let title = "Friction: change against none, 60 mm in, base 20 mm before the entry, moved by 15 mm";
-    let mut table = Table::new("friction", title, &factors, &axes);
+    let mut table = Table::new("friction", title, &factors, &axes).against("the same needle without friction");
     for tissue in TISSUES {
         for slope in SLOPES {
             let base = Base {

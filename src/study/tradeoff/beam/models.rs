@@ -31,7 +31,8 @@ pub(super) fn table() -> Result<Table, BeamError> {
         factor("depth", "depth"),
     ];
     let title = "Models: error of the tip over base motions of 2.5 to 15 mm, 20 and 40 mm before the entry";
-    let mut table = Table::new("models", title, &factors, &axes);
+    let gold = format!("UEng for PVC and UTru for PSM with the right parameters, elements of {FINE_MM} mm");
+    let mut table = Table::new("models", title, &factors, &axes).against(gold);
     for (tissue, other) in [(TISSUES[0], TISSUES[1]), (TISSUES[1], TISSUES[0])] {
         for depth in DEPTHS_MM {
             let truths = truths(&tissue, depth)?;

@@ -10,7 +10,7 @@ use crate::mechanics::needle::{
     Cantilever, CentreLine, InvalidNeedleModel, Load, Needle, Row, Shaft, Springs, Stiffness,
 };
 use crate::study::spread::Spread;
-use crate::study::tradeoff::{Figure, Table};
+use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 /// Elements of the needle that counts as the truth, mm.
@@ -36,7 +36,9 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
     ];
     let factors = [factor("model", "needle"), factor("length", "link or element")];
     let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
-    let mut table = Table::new("needles", title, &factors, &axes);
+    let mut table = Table::new("needles", title, &factors, &axes)
+        .against(format!("a beam in elements of {FINE_MM} mm"))
+        .seeking(Goal::new("median_ms", "error_mm", SHIFT_MM));
     let beam = |length| Cantilever::new(Shaft::default(), Stiffness::default(), length, None);
     let truth = bent(&mut beam(FINE_MM)?);
     for length in LENGTHS_MM {

@@ -3,7 +3,7 @@
 use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
 use crate::mechanics::tissue::viscoelastic::Rule;
 use crate::study::machine::Machine;
-use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 3] = [
     Factor {
@@ -29,13 +29,17 @@ const fn log(key: &'static str, heading: &'static str, label: &'static str) -> A
     }
 }
 
-const AXES: [Axis; 5] = [
+const AXES: [Axis; 6] = [
     log("steps", "steps", "steps"),
     log("total_ms", "ms", "time of all steps, ms"),
     log("step_us", "us a step", "mean time of a step, us"),
     log("memory_kb", "kB", "memory of the history, kB"),
     log("error", "error", "error relative to the exact law"),
+    log("error_mm", "error mm", "error where tissue gives way by 10 mm, mm"),
 ];
+
+/// A relative error is shown as one of this, mm.
+const INDENTED_MM: f64 = 10.0;
 
 /// A study that is being filled in.
 pub(super) struct Report {
@@ -59,7 +63,13 @@ impl Report {
             ));
         }
         Report {
-            table: Table::new("history", "Rules of fading memory", &FACTORS, &AXES),
+            table: Table::new("history", "Rules of fading memory", &FACTORS, &AXES)
+                .against("the closed form of the spring-pot")
+                .seeking(
+                    Goal::new("total_ms", "error_mm", SHIFT_MM)
+                        .each(&["count"])
+                        .over(&["lengths"]),
+                ),
             about: vec![("order", options.order.to_string()), ("steps", steps.join(", "))],
             notes,
             full: None,
@@ -106,6 +116,7 @@ impl Report {
                 Some(measured.seconds * 1e6 / steps),
                 Some(measured.bytes as f64 * 1e-3),
                 Some(measured.error),
+                Some(INDENTED_MM * measured.error),
             ],
             flag,
         );

@@ -9,7 +9,7 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Figure, Table};
+use crate::study::tradeoff::{Axis, FORCE_N, Factor, Figure, Goal, Table};
 
 /// The first is what the others are compared with.
 const LEVELS: [(Level, &str); 4] = [
@@ -77,7 +77,9 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         "Levels of remeshing along one insertion: differences from level I, times of steps",
         &FACTORS,
         &[&DIFFERENCES[..], &TIMES, &[UNSETTLED]].concat(),
-    );
+    )
+    .against("level I in f64, which keeps the whole inverse")
+    .seeking(Goal::new("remesh_median_ms", "force_after_n", FORCE_N).over(&["probe"]));
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
     let mut findings = Findings::default();
     for (half, probe) in [true, false].into_iter().enumerate() {
@@ -109,6 +111,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
             add_trace(&mut trace, &choices, &course, &traces[0], steps);
         }
     }
+    table.mark_gold("level", LEVELS[0].1);
     findings.tables = vec![table, trace];
     findings.figures = figures();
     Ok(findings)

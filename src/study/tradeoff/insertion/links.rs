@@ -5,7 +5,7 @@ use super::course::{self, Course, Step};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::needle::{Shaft, Stiffness};
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Table};
+use crate::study::tradeoff::{Axis, Factor, Goal, SHIFT_MM, Table};
 
 /// Lengths of links, mm, the finest last: the others are compared with it.
 const LINKS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.5, 1.25];
@@ -34,7 +34,9 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         format!("Links of the needle: differences from links of {finest} mm"),
         &FACTORS,
         &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
-    );
+    )
+    .against(format!("links of {finest} mm"))
+    .seeking(Goal::new("median_ms", "tip_mm", SHIFT_MM));
     let course = Course {
         depth_mm: options.depth_mm,
         probe: false,
@@ -65,6 +67,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
         table.push(vec![link_mm.to_string()], values, None);
     }
+    table.mark_gold("link_mm", &finest.to_string());
     let figure = points(
         "insertion-links",
         "Links of the needle: what accuracy costs",

@@ -6,7 +6,7 @@ use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::insertion::finite::Setup;
 use crate::mechanics::needle::Stiffness;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Table};
+use crate::study::tradeoff::{Axis, Factor, Goal, SHIFT_MM, Table};
 
 /// Rings of candidates of which one is kept; the first has all.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
@@ -34,7 +34,9 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         "Every n-th ring of the probe's candidates: differences from all of them",
         &FACTORS,
         &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
-    );
+    )
+    .against("every candidate kept")
+    .seeking(Goal::new("median_ms", "tip_mm", SHIFT_MM));
     let course = Course {
         depth_mm: options.depth_mm,
         probe: true,
@@ -69,6 +71,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
         table.push(vec![every.to_string()], values, None);
     }
+    table.mark_gold("every", &EVERY[0].to_string());
     let figure = points(
         "insertion-thinning",
         "Thinning the probe's candidates",

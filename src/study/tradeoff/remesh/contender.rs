@@ -38,7 +38,9 @@ pub enum Promise {
 impl Promise {
     /// What was found against it, if anything.
     pub fn broken(self, measured: &Measured) -> Option<String> {
-        let errors = measured.errors.iter().flatten().copied();
+        // The last is in mm, and follows from the others.
+        let relative = measured.errors.iter().flat_map(|errors| &errors[..4]);
+        let errors = relative.copied();
         let found = errors.chain(measured.drift.iter().map(|(_, error)| *error));
         if found.clone().any(|error| !error.is_finite()) {
             return Some("errors are not finite".to_owned());

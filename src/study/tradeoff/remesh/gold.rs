@@ -8,9 +8,16 @@ use super::subject::Subject;
 use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::AdaptedMesh;
+use crate::study::stability::record::largest;
 
 /// Columns of K^-1 that are compared: half of them where the mesh was moved, half spread over it.
 pub const SAMPLES: usize = 24;
+
+/// The magnitude of the sum of a load, N.
+fn resultant_n(load: &[f64]) -> f64 {
+    let along = |axis: usize| load.iter().skip(axis).step_by(3).sum::<f64>();
+    (0..3).map(|axis| along(axis).powi(2)).sum::<f64>().sqrt()
+}
 
 /// What a contender is compared with in one state of the mesh.
 pub struct Gold {
@@ -103,11 +110,12 @@ impl Gold {
         !self.samples.is_empty()
     }
 
-    /// Relative errors of sampled columns of K^-1, of K^c and of displacements; and the largest |K X e - e| over the samples.
+    /// Relative errors of sampled columns of K^-1, of K^c and of displacements; the largest |K X e - e| over the samples; and
+    /// the largest error of displacements where the load is scaled to one newton in all, mm.
     ///
     /// # Errors
     /// [`StudyError`] where the contender fails.
-    pub fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 4], StudyError> {
+    pub fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], StudyError> {
         let every: Vec<usize> = (0..subject.size()).collect();
         let columns = contender.block(&every, &self.samples)?;
         let forces = load(subject.contacts.len());
@@ -120,6 +128,7 @@ impl Gold {
             self.error_of_contacts(contender.condensed()),
             relative(found, expected),
             self.residual(columns.as_ref()),
+            largest(u.iter().zip(&self.solution).map(|(found, expected)| found - expected)) / resultant_n(&forces),
         ])
     }
 

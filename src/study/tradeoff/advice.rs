@@ -1,0 +1,235 @@
+//! What to take of a table: the cheapest way that stays within an error that a user would notice.
+//!
+//! Nothing here knows what a study compares. Rows that differ only in conditions are one way: it counts with the worst of its
+//! costs and errors, and only where it was measured under all conditions that its rivals were.
+
+use serde::{Deserialize, Serialize};
+
+use super::render::number;
+use super::{Row, Table};
+
+/// Shifts that are of no matter in an image, mm, and why.
+pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel of an image 150 mm deep in 512 rows");
+/// Forces that are of no matter to a hand, N, and why.
+pub const FORCE_N: (f64, &str) = (0.1, "hands tell two forces of 1 to 2 N apart from about there");
+
+/// What a user wants of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Goal {
+    /// Key of the axis to keep small.
+    pub cost: &'static str,
+    /// Key of the axis that says how wrong a way is.
+    pub error: &'static str,
+    /// The largest error that is of no matter, in the unit of its axis.
+    pub within: f64,
+    /// Why it is of no matter.
+    pub reason: &'static str,
+    /// Keys of factors that are given, such as the size of a mesh: each of their combinations gets advice of its own.
+    pub each: Vec<&'static str>,
+    /// Keys of factors under all of whose choices a way must do.
+    pub over: Vec<&'static str>,
+}
+
+/// One recommendation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Advice {
+    /// Under which given choices; empty where there are none.
+    pub given: String,
+    /// What to take; none where nothing stays within the goal.
+    pub take: Option<Way>,
+    /// All of it in words.
+    pub words: String,
+}
+
+impl Goal {
+    /// The cheapest way within a limit that is given with its reason, such as [`SHIFT_MM`].
+    pub fn new(cost: &'static str, error: &'static str, (within, reason): (f64, &'static str)) -> Self {
+        Goal {
+            cost,
+            error,
+            within,
+            reason,
+            each: Vec::new(),
+            over: Vec::new(),
+        }
+    }
+
+    /// Advice for each choice of these factors.
+    pub fn each(mut self, factors: &[&'static str]) -> Self {
+        self.each = factors.to_vec();
+        self
+    }
+
+    /// Ways must do under all choices of these factors.
+    pub fn over(mut self, factors: &[&'static str]) -> Self {
+        self.over = factors.to_vec();
+        self
+    }
+}
+
+impl Advice {
+    /// The words, with what is given before them.
+    pub fn sentence(&self) -> String {
+        match self.given.is_empty() {
+            true => self.words.clone(),
+            false => format!("{}: {}", self.given, self.words),
+        }
+    }
+}
+
+/// One way of doing a thing, over all conditions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Way {
+    /// Its choices.
+    pub name: String,
+    /// The largest of its costs.
+    pub cost: f64,
+    /// The largest of its errors.
+    pub error: f64,
+    /// Whether it is what others are compared with.
+    pub gold: bool,
+}
+
+impl Table {
+    /// What to take, by the goal of the table; nothing without one.
+    pub fn advice(&self) -> Vec<Advice> {
+        let Some(goal) = &self.goal else { return Vec::new() };
+        let mut given: Vec<Vec<&str>> = Vec::new();
+        for row in &self.rows {
+            let own = self.choices(row, &goal.each);
+            if !given.contains(&own) {
+                given.push(own);
+            }
+        }
+        let of = |given: Vec<&str>| {
+            let alike = self.rows.iter().filter(|row| self.choices(row, &goal.each) == given);
+            self.advise(goal, &alike.collect::<Vec<_>>())
+        };
+        given.into_iter().map(of).collect()
+    }
+
+    fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
+        let (ways, wrong) = self.ways(goal, rows);
+        let unit = |key: &str| self.axis(key).map_or("", |at| self.axes[at].unit());
+        let (cost_unit, error_unit) = (unit(goal.cost), unit(goal.error));
+        let cost = |way: &Way| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
+        let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
+        let limit = format!("{} ({})", error(goal.within), goal.reason);
+        let fits = |way: &&Way| way.error <= goal.within;
+        let order = |a: &&Way, b: &&Way| a.cost.total_cmp(&b.cost).then(a.error.total_cmp(&b.error));
+        let take = ways.iter().filter(fits).min_by(order);
+        let cheaper = ways.iter().filter(|way| take.is_some_and(|take| way.cost < take.cost));
+        let nearest = |ways: &mut dyn Iterator<Item = &Way>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
+        let mut words = match take {
+            Some(take) if take.gold => format!(
+                "Take the gold standard itself, {}: {}. Nothing cheaper stays within {limit}.",
+                take.name,
+                cost(take)
+            ),
+            Some(take) => format!(
+                "Take {}: {}, off by {}; the cheapest within {limit}.",
+                take.name,
+                cost(take),
+                error(take.error)
+            ),
+            None => match nearest(&mut ways.iter()) {
+                Some(near) => format!(
+                    "Nothing measured stays within {limit}. The nearest is {}: {}, off by {}.",
+                    near.name,
+                    cost(&near),
+                    error(near.error)
+                ),
+                None => "Nothing could be compared.".to_owned(),
+            },
+        };
+        if let Some(next) = nearest(&mut { cheaper }) {
+            words += &format!(
+                " Cheaper is {}: {}, off by {}.",
+                next.name,
+                cost(&next),
+                error(next.error)
+            );
+        }
+        let gold = ways.iter().find(|way| way.gold);
+        if let Some(gold) = gold.filter(|_| take.is_some_and(|take| !take.gold)) {
+            words += &format!(" The gold standard takes {}.", cost(gold));
+        }
+        match wrong {
+            0 => {}
+            1 => words += " One row is marked WRONG and left out.",
+            _ => words += &format!(" {wrong} rows are marked WRONG and left out."),
+        }
+        Advice {
+            given: rows
+                .first()
+                .map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key))),
+            take: take.cloned(),
+            words,
+        }
+    }
+
+    /// The ways among rows, and how many rows are flagged.
+    fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Way>, usize) {
+        let fixed = |key: &&str| goal.each.contains(key) || goal.over.contains(key);
+        let all = self.conditions(goal, rows);
+        let name = |row: &Row| self.name(row, |key| !fixed(&key));
+        let mut names: Vec<String> = Vec::new();
+        for row in rows {
+            let name = name(row);
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        let way = |wanted: String| {
+            let own: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
+            let most = |key: &str, gold: Option<f64>| {
+                let at = self.axis(key)?;
+                let values = own.iter().map(|row| match row.gold {
+                    true => gold.or(row.values[at]),
+                    false => row.values[at],
+                });
+                values.reduce(|a, b| Some(a?.max(b?))).flatten()
+            };
+            let complete = self.conditions(goal, &own) == all && own.iter().all(|row| row.flag.is_none());
+            complete.then_some(())?;
+            Some(Way {
+                cost: most(goal.cost, None)?,
+                error: most(goal.error, Some(0.0))?,
+                gold: own.iter().all(|row| row.gold),
+                name: wanted,
+            })
+        };
+        let wrong = rows.iter().filter(|row| row.flag.is_some()).count();
+        (names.into_iter().filter_map(way).collect(), wrong)
+    }
+
+    /// The combinations of conditions that occur, each once.
+    fn conditions<'a>(&self, goal: &Goal, rows: &[&'a Row]) -> Vec<Vec<&'a str>> {
+        let mut found: Vec<Vec<&str>> = rows.iter().map(|row| self.choices(row, &goal.over)).collect();
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The choices of a row for some factors.
+    fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
+        let found = keys.iter().filter_map(|key| self.factor(key));
+        found.map(|at| row.choices[at].as_str()).collect()
+    }
+
+    /// Choices of a row in words; a bare number has its factor's label before it.
+    fn name(&self, row: &Row, wanted: impl Fn(&'static str) -> bool) -> String {
+        let pairs = self.factors.iter().zip(&row.choices);
+        let words =
+            pairs
+                .filter(|(factor, _)| wanted(factor.key))
+                .map(|(factor, choice)| match choice.parse::<f64>() {
+                    Ok(_) => format!("{}: {choice}", factor.label),
+                    Err(_) => choice.clone(),
+                });
+        words.collect::<Vec<_>>().join("; ")
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+use super::*;
+use crate::study::tradeoff::{Axis, Factor};
+
+const fn factor(key: &'static str) -> Factor {
+    Factor { key, label: key }
+}
+
+const FACTORS: [Factor; 3] = [factor("nodes"), factor("way"), factor("load")];
+const AXES: [Axis; 2] = [
+    Axis::log("ms", "ms", "time, ms"),
+    Axis::log("error_mm", "error", "error, mm"),
+];
+
+/// Ways by name, with time and error under each of two loads.
+fn table(rows: &[(&str, &str, [[f64; 2]; 2])]) -> Table {
+    let goal = Goal::new("ms", "error_mm", (0.1, "nobody sees it"));
+    let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
+        .against("the finest")
+        .seeking(goal.each(&["nodes"]).over(&["load"]));
+    for (nodes, way, figures) in rows {
+        for (load, [ms, error]) in ["small", "large"].into_iter().zip(figures) {
+            let choices = [nodes, way, load].map(str::to_owned);
+            let error = (*way != "finest").then_some(*error);
+            table.push(choices.to_vec(), vec![Some(*ms), error], None);
+        }
+    }
+    table.mark_gold("way", "finest");
+    table
+}
+
+fn usual() -> Table {
+    table(&[
+        ("10", "finest", [[50.0, 0.0], [60.0, 0.0]]),
+        ("10", "good", [[5.0, 0.01], [6.0, 0.02]]),
+        ("10", "good in one case", [[1.0, 0.001], [1.0, 0.7]]),
+        ("20", "finest", [[500.0, 0.0], [500.0, 0.0]]),
+        ("20", "good", [[50.0, 0.2], [50.0, 0.3]]),
+    ])
+}
+
+#[test]
+fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
+    let advice = usual().advice();
+    assert_eq!(advice.len(), 2, "one for each number of nodes");
+    let way = advice[0].take.as_ref().unwrap();
+    assert_eq!(
+        (way.name.as_str(), way.cost, way.error, way.gold),
+        ("good", 6.0, 0.02, false)
+    );
+    assert_eq!(
+        advice[0].sentence(),
+        "nodes: 10: Take good: 6.00 ms, off by 0.0200 mm; the cheapest within 0.100 mm (nobody sees it). Cheaper is good in one \
+         case: 1.00 ms, off by 0.700 mm. The gold standard takes 60.0 ms."
+    );
+    // Where all else is off too far, what is right by definition is left.
+    assert!(advice[1].take.as_ref().unwrap().gold, "{}", advice[1].words);
+    assert!(
+        advice[1]
+            .words
+            .starts_with("Take the gold standard itself, finest: 500 ms. Nothing cheaper")
+    );
+}
+
+#[test]
+fn what_is_flagged_or_not_measured_under_all_conditions_is_no_choice() {
+    let mut wrong = usual();
+    let row = wrong.rows.iter().position(|row| row.choices[1] == "good").unwrap();
+    wrong.rows[row].flag = Some("off".to_owned());
+    let advice = &wrong.advice()[0];
+    assert!(
+        advice.take.as_ref().unwrap().gold && advice.words.contains("One row is marked WRONG"),
+        "{}",
+        advice.words
+    );
+    let mut missing = usual();
+    missing.rows.remove(row);
+    assert!(missing.advice()[0].take.as_ref().unwrap().gold);
+}
+
+#[test]
+fn what_nothing_reaches_is_said_with_the_nearest() {
+    let far = table(&[
+        ("10", "far", [[1.0, 3.0], [1.0, 2.0]]),
+        ("10", "near", [[2.0, 0.2], [2.0, 0.3]]),
+    ]);
+    let advice = &far.advice()[0];
+    assert_eq!(advice.take, None);
+    assert!(
+        advice.words.contains("Nothing measured stays within 0.100 mm")
+            && advice.words.contains("near: 2.00 ms, off by 0.300 mm"),
+        "{}",
+        advice.words
+    );
+    assert_eq!(table(&[]).advice(), []);
+}
+
+#[test]
+fn units_stand_behind_the_last_comma() {
+    assert_eq!(AXES[0].unit(), "ms");
+    assert_eq!(Axis::log("x", "x", "relative error of K^c").unit(), "");
+}
