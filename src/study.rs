@@ -8,6 +8,7 @@
 //! | [`beam`] | the published centres of motion of a needle in tissue |
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | `block` | what studies put needles into |
+//! | `page` | HTML of reports |
 //! | [`parity`] | whether backends agree, sample by sample |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`puncture`] | a needle goes into a slice of liver with a vein |
@@ -22,6 +23,7 @@ mod block;
 mod fractional;
 pub mod inspect;
 pub mod machine;
+mod page;
 pub mod parity;
 pub mod plot;
 pub mod puncture;

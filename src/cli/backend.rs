@@ -2,8 +2,9 @@
 
 use clap::{Args, ValueEnum};
 use insonify::gpu::adapter;
-use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, GpuError, Needs};
+use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
 use insonify::plan::Plan;
+use insonify::study::tradeoff::gather::Means;
 use insonify::synth::gpu::needs;
 use insonify::synth::tables::{Anatomy, Settings, Tables};
 use insonify::synth::{Backend, SynthError, Synthesizer};
@@ -118,19 +119,7 @@ impl BackendArgs {
             BackendName::Gpu => Ok((vec![open(&choice)?], Vec::new())),
             BackendName::Auto if choice.name.is_some() => Ok((vec![open(&choice)?], Vec::new())),
             BackendName::Auto => {
-                let (mut gpus, mut missing) = (Vec::new(), Vec::new());
-                for found in adapter::list() {
-                    let name = format!("{} ({})", found.name, found.backend);
-                    match open(&AdapterChoice {
-                        name: Some(name.clone()),
-                    }) {
-                        Ok(gpu) => gpus.push(gpu),
-                        Err(error) => missing.push(format!("{name} was not measured: {error}")),
-                    }
-                }
-                if gpus.is_empty() && missing.is_empty() {
-                    missing.push(format!("no GPU was measured: {}", GpuError::NoAdapter));
-                }
+                let Means { gpus, missing } = Means::here();
                 Ok((gpus, missing))
             }
         }

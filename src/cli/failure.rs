@@ -63,6 +63,16 @@ pub enum Failure {
         /// How many were run.
         cases: usize,
     },
+    /// A study that could not be made; the others were.
+    #[error("the study `{study}` could not be made: {reason}{}", others(*more))]
+    Unmeasured {
+        /// Which.
+        study: String,
+        /// Why.
+        reason: String,
+        /// How many more could not.
+        more: usize,
+    },
     /// Standard output is full or closed other than by a reader that had enough.
     #[error("standard output cannot be written: {0}")]
     Output(io::Error),
@@ -82,7 +92,7 @@ impl Failure {
         match self {
             Self::Library(error) => error.exit_status(),
             Self::Usage { .. } => INPUT,
-            Self::Folder { .. } | Self::Unstable { .. } | Self::Output(_) => MACHINE,
+            Self::Folder { .. } | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -92,7 +102,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Folder { .. } | Self::Unstable { .. } | Self::Output(_) => None,
+            Self::Folder { .. } | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
         }
     }
 
@@ -108,6 +118,14 @@ impl Diagnostic for Failure {
             Self::Library(error) => error.labels(),
             _ => None,
         }
+    }
+}
+
+/// What else failed, in words.
+fn others(more: usize) -> String {
+    match more {
+        0 => String::new(),
+        more => format!("; nor could {more} more"),
     }
 }
 

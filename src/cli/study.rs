@@ -1,6 +1,6 @@
 //! What commands do with a study that they have made: text or JSON to standard output, files into a folder.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use insonify::study::tradeoff::Study;
@@ -25,6 +25,25 @@ pub struct Printed {
 /// Is told what a study does, and the share that is done.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
+/// Makes a folder where there is none.
+pub fn made(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
+        path: folder.to_owned(),
+        cause,
+    })
+}
+
+/// Shows how far something is while it runs.
+pub fn watched<T>(quiet: bool, run: impl FnOnce(Progress<'_>) -> T) -> T {
+    let bar = terminal::share(quiet);
+    let result = run(&mut |what, share| {
+        bar.set_message(what.to_owned());
+        bar.set_position((share * terminal::SHARES as f64) as u64);
+    });
+    bar.finish_and_clear();
+    result
+}
+
 impl Printed {
     /// For a command that has arguments of its own for it.
     pub fn new(output: Option<PathBuf>, json: bool) -> Self {
@@ -37,19 +56,8 @@ impl Printed {
 
     /// Makes the folder, shows how far `study` is, writes and prints what it found.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
-        }
-        let bar = terminal::share(self.quiet);
-        let study = study(&mut |what, share| {
-            bar.set_message(what.to_owned());
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let study = study?;
+        self.output.as_deref().map_or(Ok(()), made)?;
+        let study = watched(self.quiet, study)?;
         if let Some(folder) = &self.output {
             let files = study.write(folder)?;
             if !self.quiet {

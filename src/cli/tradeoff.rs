@@ -7,15 +7,51 @@ mod insertion;
 mod remesh;
 mod tissue;
 
+use std::path::PathBuf;
+
 use clap::{Args, Subcommand};
+use insonify::study::stability::Effort;
+use insonify::study::tradeoff::gather::{Means, STUDIES, gather};
+use insonify::study::tradeoff::report::Report;
 
 use super::failure::Failure;
+use super::study::{made, watched};
+use super::terminal;
 
-/// Measures what accuracy costs in time: tables, plots, and the best choices marked
+const EXAMPLES: &str = "\
+Without a subcommand every study is made, one after the other, into one report: what each choice costs, how far it is from the
+gold standard of its table, and what to take.
+
+Examples:
+  insonify tradeoff --quick -o report      within two minutes on two cores: open report/index.html
+  insonify tradeoff -o report              meshes and ways of full size: within twenty minutes
+  insonify tradeoff --only remesh,history -o report
+  insonify tradeoff remesh --help          one study, with settings of its own
+
+report/index.html is one page that needs nothing else; report.md, results.json and results.csv say the same to other readers.
+Exit status: 0 done; 1 a study could not be made (the others are there); 2 wrong arguments.";
+
+/// Measures what accuracy costs in time: tables, plots, the best choices marked, and what to take
 #[derive(Args)]
+#[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Tradeoff {
     #[command(subcommand)]
-    study: Study,
+    study: Option<Study>,
+    /// Folder for index.html, report.md, results.json, results.csv and plots; made if it is not there
+    #[arg(short, long, value_name = "DIR", default_value = "tradeoff")]
+    output: PathBuf,
+    /// Small meshes and short ways: minutes become seconds
+    #[arg(long)]
+    quick: bool,
+    /// Only these studies
+    #[arg(long, value_name = "STUDY,...", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Print results.json to standard output, too
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but results, warnings and errors
+    #[arg(short, long)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
@@ -31,12 +67,88 @@ enum Study {
 impl Tradeoff {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.study {
-            Study::Insertion(insertion) => insertion.run(),
-            Study::Beam(beam) => beam.run(),
-            Study::Remesh(remesh) => remesh.run(),
-            Study::History(history) => history.run(),
-            Study::Tissue(tissue) => tissue.run(),
-            Study::Image(image) => image.run(),
+            Some(Study::Insertion(insertion)) => insertion.run(),
+            Some(Study::Beam(beam)) => beam.run(),
+            Some(Study::Remesh(remesh)) => remesh.run(),
+            Some(Study::History(history)) => history.run(),
+            Some(Study::Tissue(tissue)) => tissue.run(),
+            Some(Study::Image(image)) => image.run(),
+            None => self.gather(),
         }
+    }
+
+    fn gather(&self) -> Result<(), Failure> {
+        let known = || STUDIES.iter().map(|entry| entry.name);
+        if let Some(unknown) = self
+            .only
+            .iter()
+            .find(|name| known().all(|known| known != name.as_str()))
+        {
+            let names: Vec<&str> = known().collect();
+            return Err(Failure::usage(
+                format!("there is no study `{unknown}`"),
+                format!("studies are {}", names.join(", ")),
+            ));
+        }
+        let wanted = STUDIES.iter().copied();
+        let wanted = wanted.filter(|entry| self.only.is_empty() || self.only.iter().any(|name| name == entry.name));
+        let wanted: Vec<_> = wanted.collect();
+        made(&self.output)?;
+        let report = watched(self.quiet, |progress| {
+            gather(&wanted, &Means::here(), effort(self.quick), progress)
+        });
+        let files = report.write(&self.output)?;
+        if !self.quiet {
+            let folder = self.output.display();
+            terminal::say(format_args!("{folder}: {}", files.join(", ")));
+        }
+        if self.json {
+            terminal::emit_json(&report)?;
+        } else {
+            terminal::emit(&in_short(&report))?;
+        }
+        match report.missing.first() {
+            None => Ok(()),
+            Some(missing) => Err(Failure::Unmeasured {
+                study: missing.name.clone(),
+                reason: missing.reason.clone(),
+                more: report.missing.len() - 1,
+            }),
+        }
+    }
+}
+
+/// Advice and flags, for the terminal.
+fn in_short(report: &Report) -> String {
+    let mut lines = Vec::new();
+    for chapter in &report.chapters {
+        let mut own = Vec::new();
+        for section in &chapter.sections {
+            let advice = section.advice.iter().map(|advice| advice.sentence());
+            own.extend(advice.map(|advice| format!("  {}\n    {advice}", section.title)));
+        }
+        if !own.is_empty() {
+            lines.push(chapter.title.clone());
+            lines.extend(own);
+        }
+    }
+    lines.extend(report.wrong().map(|(chapter, section, row)| {
+        let flag = row.flag.as_deref().unwrap_or_default();
+        format!(
+            "WRONG: {}, {}: {}: {flag}",
+            chapter.title,
+            section.title,
+            row.choices.join("; ")
+        )
+    }));
+    lines.push(format!("measured in {:.0} s on {}", report.seconds, report.machine));
+    lines.join("\n")
+}
+
+/// How long a study runs.
+fn effort(quick: bool) -> Effort {
+    match quick {
+        true => Effort::Quick,
+        false => Effort::Whole,
     }
 }

@@ -3,11 +3,12 @@
 use std::fmt;
 use std::num::NonZero;
 use std::thread::available_parallelism;
+use std::time::SystemTime;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The processor as the CPU backend uses it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
     /// Operating system and architecture, such as `linux x86_64`.
     pub platform: String,
@@ -16,7 +17,7 @@ pub struct Machine {
     /// Threads that the passes run on.
     pub threads: usize,
     /// The vector registers that the passes run on.
-    pub vector: &'static str,
+    pub vector: String,
 }
 
 impl Machine {
@@ -26,9 +27,36 @@ impl Machine {
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             cores: available_parallelism().map_or(1, NonZero::get),
             threads: rayon::current_num_threads(),
-            vector: vector(),
+            vector: vector().to_owned(),
         }
     }
+}
+
+/// The date of the clock of this machine in UTC, as `2026-01-31`.
+pub fn today() -> String {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    date(since.map_or(0, |since| since.as_secs() / 86_400))
+}
+
+/// The date so many days after 1970-01-01, in the Gregorian calendar.
+fn date(days: u64) -> String {
+    const YEARS_400: u64 = 146_097;
+    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let (mut year, mut left) = (1970 + 400 * (days / YEARS_400), days % YEARS_400);
+    while left >= 365 + u64::from(leap(year)) {
+        left -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+        if left < length {
+            break;
+        }
+        left -= length;
+        month += 1;
+    }
+    format!("{year}-{month:02}-{:02}", left + 1)
 }
 
 impl fmt::Display for Machine {
@@ -60,4 +88,27 @@ fn vector() -> &'static str {
 #[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
 fn vector() -> &'static str {
     "what the compiler was told of"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::date;
+
+    #[test]
+    fn dates_follow_the_calendar() {
+        let known = [
+            (0, "1970-01-01"),
+            (58, "1970-02-28"),
+            (59, "1970-03-01"),
+            (11_016, "2000-02-29"),
+            (11_017, "2000-03-01"),
+            (19_722, "2023-12-31"),
+            (47_540, "2100-02-28"),
+            (47_541, "2100-03-01"),
+            (146_097, "2370-01-01"),
+        ];
+        for (days, expected) in known {
+            assert_eq!(date(days), expected);
+        }
+    }
 }

@@ -15,6 +15,13 @@ use plotters::style::FontStyle;
 pub const SIZE: [u32; 2] = [1000, 600];
 /// Width of the legend beside it, pixels.
 const LEGEND: i32 = 210;
+/// Width of a plot for a page, pixels, and height of its axes: lettering stays legible where it shrinks to the width of a phone.
+const PAGE: [u32; 2] = [460, 330];
+/// Distance of the lines of a legend, and of its parts beyond that, pixels.
+const LINE: i32 = 24;
+const GAP: i32 = 12;
+/// Characters of a name that fit into half the width of a page.
+const HALF: usize = 23;
 /// Half the width of a marker, pixels.
 const MARK: i32 = 6;
 
@@ -174,7 +181,21 @@ impl Plot {
         let mut text = String::new();
         {
             let root = SVGBackend::with_string(&mut text, (SIZE[0], SIZE[1])).into_drawing_area();
-            self.draw(&root)?;
+            self.draw(&root, Layout::Alone)?;
+        }
+        Ok(text)
+    }
+
+    /// The plot as an SVG document for a page that a narrow screen may show: without title and background, the legend below.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn svg_for_page(&self) -> Result<String, PlotError> {
+        let mut text = String::new();
+        {
+            let height = PAGE[1] + self.legend_height() as u32;
+            let root = SVGBackend::with_string(&mut text, (PAGE[0], height)).into_drawing_area();
+            self.draw(&root, Layout::Page)?;
         }
         Ok(text)
     }
@@ -187,12 +208,16 @@ impl Plot {
         let mut pixels = vec![0; (3 * SIZE[0] * SIZE[1]) as usize];
         {
             let root = BitMapBackend::with_buffer(&mut pixels, (SIZE[0], SIZE[1])).into_drawing_area();
-            self.draw(&root)?;
+            self.draw(&root, Layout::Alone)?;
         }
         Ok(pixels)
     }
 
-    fn draw<'a, DB: DrawingBackend + 'a>(&self, root: &DrawingArea<DB, Shift>) -> Result<(), PlotError> {
+    fn draw<'a, DB: DrawingBackend + 'a>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+        layout: Layout,
+    ) -> Result<(), PlotError> {
         static FONT: Once = Once::new();
         FONT.call_once(|| {
             let font = include_bytes!("../../assets/fonts/DejaVuSans-subset.ttf");
@@ -205,10 +230,10 @@ impl Plot {
         let linear = RangedCoordf64::from;
         let log = |range: std::ops::Range<f64>| LogCoord::from(range.log_scale());
         match (self.x.log, self.y.log) {
-            (false, false) => self.chart(root, linear(x), linear(y)),
-            (false, true) => self.chart(root, linear(x), log(y)),
-            (true, false) => self.chart(root, log(x), linear(y)),
-            (true, true) => self.chart(root, log(x), log(y)),
+            (false, false) => self.chart(root, layout, linear(x), linear(y)),
+            (false, true) => self.chart(root, layout, linear(x), log(y)),
+            (true, false) => self.chart(root, layout, log(x), linear(y)),
+            (true, true) => self.chart(root, layout, log(x), log(y)),
         }
         .map_err(|cause| PlotError {
             title: self.title.clone(),
@@ -219,6 +244,7 @@ impl Plot {
     fn chart<'a, DB, X, Y>(
         &self,
         root: &DrawingArea<DB, Shift>,
+        layout: Layout,
         x: X,
         y: Y,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>>
@@ -227,19 +253,33 @@ impl Plot {
         X: Ranged<ValueType = f64> + ValueFormatter<f64>,
         Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
-        root.fill(&WHITE)?;
-        let (left, right) = root.split_horizontally(SIZE[0] as i32 - LEGEND);
-        let mut chart = ChartBuilder::on(&left)
-            .caption(&self.title, ("sans-serif", 22))
-            .margin(16)
-            .x_label_area_size(52)
-            .y_label_area_size(78)
-            .build_cartesian_2d(x, y)?;
+        let (axes, legend) = match layout {
+            Layout::Alone => {
+                root.fill(&WHITE)?;
+                root.split_horizontally(SIZE[0] as i32 - LEGEND)
+            }
+            Layout::Page => root.split_vertically(PAGE[1]),
+        };
+        let mut builder = ChartBuilder::on(&axes);
+        let labels = match layout {
+            Layout::Alone => {
+                let builder = builder.caption(&self.title, ("sans-serif", 22)).margin(16);
+                builder.x_label_area_size(52).y_label_area_size(78);
+                [11, 11]
+            }
+            Layout::Page => {
+                builder.margin(8).x_label_area_size(48).y_label_area_size(70);
+                [5, 7]
+            }
+        };
+        let mut chart = builder.build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
             .bold_line_style(BLACK.mix(0.14))
             .light_line_style(BLACK.mix(0.04))
             .axis_style(BLACK.mix(0.6))
+            .x_labels(labels[0])
+            .y_labels(labels[1])
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
             .x_label_formatter(&|value| number(*value))
@@ -278,44 +318,78 @@ impl Plot {
                 chart.plotting_area().draw(&marker(point, series.marker, colour))?;
             }
         }
-        self.legend(&right)?;
+        self.legend(&legend, layout)?;
         root.present()
     }
 
-    /// Colours, shapes and the front, one below the other.
+    /// Colours, shapes and the front: one below the other beside the axes, or in two columns below them where names are short.
     fn legend<'a, DB: DrawingBackend + 'a>(
         &self,
         area: &DrawingArea<DB, Shift>,
+        layout: Layout,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
         let dark = BLACK.mix(0.85);
         let style = TextStyle::from(("sans-serif", 15)).color(&dark);
-        let mut at = (14, 64);
-        let line = |at: &mut (i32, i32), text: &str| -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
-            area.draw_text(text, &style, (at.0 + 18, at.1 - 8))?;
-            at.1 += 24;
-            Ok(())
+        let (columns, mut top) = match layout {
+            Layout::Alone => (1, 64),
+            Layout::Page => (self.columns(), LINE / 2),
         };
-        let mut named: Vec<usize> = Vec::new();
-        for series in &self.series {
-            if !named.contains(&series.colour) {
-                named.push(series.colour);
-                area.draw(&marker(at, Marker::Disc, colour(series.colour)))?;
-                line(&mut at, &series.name)?;
+        for part in self.keys() {
+            for (at, (shape, name)) in part.iter().enumerate() {
+                let column = (at % columns) as i32 * PAGE[0] as i32 / 2;
+                let at = (14 + column, top + LINE * (at / columns) as i32);
+                match shape {
+                    Some((shape, colour)) => area.draw(&marker(at, *shape, *colour))?,
+                    None => area.draw(&Circle::new(at, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?,
+                }
+                area.draw_text(name, &style, (at.0 + 18, at.1 - 8))?;
             }
-        }
-        at.1 += 12;
-        for (n, name) in self.markers.iter().enumerate() {
-            area.draw(&marker(at, Marker::nth(n), BLACK.mix(0.6).to_rgba()))?;
-            line(&mut at, name)?;
-        }
-        if !self.front.is_empty() {
-            at.1 += 12;
-            area.draw(&Circle::new(at, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?;
-            line(&mut at, "best choices: nothing")?;
-            line(&mut at, "is better in both")?;
+            top += LINE * part.len().div_ceil(columns) as i32 + GAP;
         }
         Ok(())
     }
+
+    /// The parts of the legend: what each colour means, what each shape does, and the front, which has no shape of a point.
+    fn keys(&self) -> Vec<Vec<Key<'_>>> {
+        let mut named: Vec<usize> = Vec::new();
+        let mut colours = Vec::new();
+        for series in &self.series {
+            if !named.contains(&series.colour) {
+                named.push(series.colour);
+                colours.push((Some((Marker::Disc, colour(series.colour))), series.name.as_str()));
+            }
+        }
+        let grey = BLACK.mix(0.6).to_rgba();
+        let shapes = self.markers.iter().enumerate();
+        let shapes = shapes.map(|(n, name)| (Some((Marker::nth(n), grey)), name.as_str()));
+        let front = (!self.front.is_empty()).then_some((None, "best: none beats them"));
+        let parts = [colours, shapes.collect(), front.into_iter().collect()];
+        parts.into_iter().filter(|part| !part.is_empty()).collect()
+    }
+
+    /// Columns of the legend below the axes.
+    fn columns(&self) -> usize {
+        let short = |part: &Vec<Key<'_>>| part.iter().all(|(_, name)| name.chars().count() <= HALF);
+        if self.keys().iter().all(short) { 2 } else { 1 }
+    }
+
+    fn legend_height(&self) -> i32 {
+        let columns = self.columns();
+        let lines = |part: &Vec<Key<'_>>| LINE * part.len().div_ceil(columns) as i32 + GAP;
+        self.keys().iter().map(lines).sum()
+    }
+}
+
+/// A line of the legend: its shape, or none for that of the front; and its name.
+type Key<'a> = (Option<(Marker, RGBAColor)>, &'a str);
+
+/// How a plot is laid out.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Layout {
+    /// With its title, the legend beside the axes.
+    Alone,
+    /// Without title and background, the legend below the axes.
+    Page,
 }
 
 fn colour(n: usize) -> RGBAColor {

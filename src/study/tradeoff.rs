@@ -7,6 +7,7 @@
 //!
 //! | module | what it studies |
 //! |---|---|
+//! | [`gather`] | all of them, one after the other, into one [`report`] |
 //! | [`insertion`] | needle insertions: levels, bevels, models, candidates of the probe, links |
 //! | [`beam`] | the needle as a beam in tissue |
 //! | [`remesh`] | levels of remeshing |
@@ -16,16 +17,18 @@
 
 mod advice;
 pub mod beam;
+pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
 pub mod remesh;
 mod render;
+pub mod report;
 #[cfg(test)]
 mod tests;
 pub mod tissue;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use advice::{Advice, FORCE_N, Goal, SHIFT_MM, Way};
 pub use render::RenderError;
@@ -83,7 +86,7 @@ impl Axis {
 }
 
 /// One way of doing a thing, and how it did.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// One for each factor.
     pub choices: Vec<String>,
@@ -196,9 +199,9 @@ impl Table {
     /// # Panics
     /// If a key is none of the table's: that is the program's own fault.
     pub fn seeking(mut self, goal: Goal) -> Self {
-        let axes = [goal.cost, goal.error].map(|key| self.axis(key).is_some());
+        let mut axes = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
         let mut factors = goal.each.iter().chain(&goal.over);
-        let known = axes == [true; 2] && factors.all(|key| self.factor(key).is_some());
+        let known = axes.all(|key| self.axis(key).is_some()) && factors.all(|key| self.factor(key).is_some());
         assert!(known, "keys of {}: {goal:?}", self.key);
         self.goal = Some(goal);
         self

@@ -41,10 +41,9 @@ impl History {
     }
 
     fn options(&self) -> HistoryOptions {
-        let steps = match (self.steps.is_empty(), self.quick) {
-            (false, _) => self.steps.clone(),
-            (true, true) => vec![100, 1000],
-            (true, false) => HistoryOptions::default().steps,
+        let steps = match self.steps.is_empty() {
+            false => self.steps.clone(),
+            true => HistoryOptions::of(super::effort(self.quick)).steps,
         };
         HistoryOptions {
             order: self.order,

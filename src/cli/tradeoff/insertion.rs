@@ -64,16 +64,7 @@ impl Insertion {
     }
 
     fn options(&self) -> InsertionOptions {
-        let usual = match self.quick {
-            false => InsertionOptions::default(),
-            true => InsertionOptions {
-                nodes: 500,
-                depth_mm: 20.0,
-                bevel_depth_mm: 60.0,
-                passes: 1,
-                ..InsertionOptions::default()
-            },
-        };
+        let usual = InsertionOptions::of(super::effort(self.quick));
         let part = |name: &PartName| match name {
             PartName::Levels => Part::Levels,
             PartName::Bevel => Part::Bevel,

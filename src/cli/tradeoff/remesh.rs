@@ -7,12 +7,14 @@ use clap::Args;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
 use insonify::study::tradeoff::remesh::subject::generated;
-use insonify::study::tradeoff::remesh::{RemeshOptions, study};
+use insonify::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 
 use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
 use crate::cli::terminal;
+
+use super::effort;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -55,12 +57,6 @@ pub struct Remesh {
     printed: Printed,
 }
 
-/// Nodes of the mesh that is made by default: those of the detailed model of the haptic simulator paper.
-const NODES: usize = 3300;
-const QUICK_NODES: usize = 500;
-const QUICK_UPDATES: usize = 60;
-const QUICK_MOVES: usize = 8;
-
 impl Remesh {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
@@ -74,14 +70,12 @@ impl Remesh {
     }
 
     fn options(&self) -> RemeshOptions {
-        let usual = RemeshOptions::default();
+        let usual = RemeshOptions::of(effort(self.quick));
         RemeshOptions {
             young_kpa: self.young_kpa,
             poisson: self.poisson,
-            moves: if self.quick { QUICK_MOVES } else { usual.moves },
-            updates: self
-                .updates
-                .unwrap_or(if self.quick { QUICK_UPDATES } else { usual.updates }),
+            moves: usual.moves,
+            updates: self.updates.unwrap_or(usual.updates),
             patience: self.patience_s.map_or(usual.patience, Duration::from_secs_f64),
             cpu: self.backend.backend != BackendName::Gpu,
         }
@@ -93,7 +87,7 @@ impl Remesh {
             file.warnings.iter().for_each(terminal::warn);
             return Ok(vec![file.mesh]);
         }
-        let usual = if self.quick { QUICK_NODES } else { NODES };
+        let usual = effort(self.quick).pick(NODES.0, NODES.1);
         let nodes = if self.nodes.is_empty() {
             vec![usual]
         } else {

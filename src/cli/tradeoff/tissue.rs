@@ -46,28 +46,18 @@ pub struct Tissue {
     printed: Printed,
 }
 
-const QUICK_NODES: u32 = 300;
-const QUICK_STEPS: u32 = 10;
-
 impl Tissue {
     pub fn run(&self) -> Result<(), Failure> {
-        let default = TissueOptions::default();
-        let quick = |quick: u32| self.quick.then_some(quick);
+        let usual = TissueOptions::of(super::effort(self.quick));
         let options = TissueOptions {
-            nodes: self
-                .nodes
-                .or(quick(QUICK_NODES))
-                .map_or(default.nodes, |nodes| nodes as usize),
-            steps: [
-                default.steps[0],
-                self.steps.or(quick(QUICK_STEPS)).unwrap_or(default.steps[1]),
-            ],
+            nodes: self.nodes.map_or(usual.nodes, |nodes| nodes as usize),
+            steps: [usual.steps[0], self.steps.unwrap_or(usual.steps[1])],
             young_kpa: self.young_kpa,
             poisson: self.poisson,
             knee_strain: self.knee_strain,
             stiffening: self.stiffening,
             order: self.order,
-            ..default
+            ..usual
         };
         self.printed.run(|progress| Ok(study(&options, progress)?))
     }

@@ -36,7 +36,7 @@ fn svg_and_pixels_show_the_series() {
         "time, ms",
         "relative error",
         "level I",
-        "best choices",
+        "best: none beats them",
         "1e-12",
     ] {
         assert!(svg.contains(text), "{text} is not in the SVG");

@@ -1,11 +1,11 @@
 //! What a hard case is.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::record::{Record, Unexpected};
 
 /// How long a case runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Effort {
     /// Smaller counts: what the tests always run.

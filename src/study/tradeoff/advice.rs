@@ -24,6 +24,8 @@ pub struct Goal {
     pub within: f64,
     /// Why it is of no matter.
     pub reason: &'static str,
+    /// Keys of axes that a reader wants to see beside those two, such as the spread of the cost, or memory.
+    pub beside: Vec<&'static str>,
     /// Keys of factors that are given, such as the size of a mesh: each of their combinations gets advice of its own.
     pub each: Vec<&'static str>,
     /// Keys of factors under all of whose choices a way must do.
@@ -37,6 +39,8 @@ pub struct Advice {
     pub given: String,
     /// What to take; none where nothing stays within the goal.
     pub take: Option<Way>,
+    /// Units of cost and error; empty where they have none.
+    pub units: [String; 2],
     /// All of it in words.
     pub words: String,
 }
@@ -49,9 +53,16 @@ impl Goal {
             error,
             within,
             reason,
+            beside: Vec::new(),
             each: Vec::new(),
             over: Vec::new(),
         }
+    }
+
+    /// What to show beside cost and error.
+    pub fn beside(mut self, axes: &[&'static str]) -> Self {
+        self.beside = axes.to_vec();
+        self
     }
 
     /// Advice for each choice of these factors.
@@ -164,6 +175,7 @@ impl Table {
                 .first()
                 .map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key))),
             take: take.cloned(),
+            units: [cost_unit, error_unit].map(str::to_owned),
             words,
         }
     }

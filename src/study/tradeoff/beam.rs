@@ -10,10 +10,23 @@ mod needles;
 #[cfg(test)]
 mod tests;
 
+use super::gather::Entry;
 use super::{Axis, Factor, Study};
 use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, Shape};
 use crate::study::beam::INITIAL_LENGTH_MM;
 use crate::study::machine::Machine;
+
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "beam",
+    title: "The needle as a beam",
+    question: "How long may elements be, what does friction along the shaft do to its shape, how well must the tissue be known, and are \
+               springs enough?",
+    run: |_, _, progress| {
+        progress("beam", 0.0);
+        Ok(study()?)
+    },
+};
 
 /// Elements of what counts as the truth, mm.
 const FINE_MM: f64 = 0.1;

@@ -10,8 +10,10 @@ use std::f64::consts::TAU;
 use std::time::Instant;
 
 use super::Study;
+use super::gather::Entry;
 use crate::mechanics::tissue::viscoelastic::{HistoryError, Operator, Rule, Span};
 use crate::study::fractional::{of_power, of_sine};
+use crate::study::stability::Effort;
 use report::Report;
 
 /// What to study.
@@ -31,6 +33,28 @@ impl Default for HistoryOptions {
         }
     }
 }
+
+impl HistoryOptions {
+    /// What is studied at an effort: the default, or short histories.
+    pub fn of(effort: Effort) -> Self {
+        let usual = HistoryOptions::default();
+        effort.pick(
+            HistoryOptions {
+                steps: vec![100, 1000],
+                ..usual.clone()
+            },
+            usual,
+        )
+    }
+}
+
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "history",
+    title: "Fading memory",
+    question: "Viscoelastic tissue remembers all of its past: which rule adds that up fast enough and well enough?",
+    run: |_, effort, progress| Ok(study(&HistoryOptions::of(effort), progress)?),
+};
 
 /// How long the history takes, s, and how fast the stress swings, rad/s: five times.
 const LENGTH_S: f64 = 10.0;

@@ -26,8 +26,10 @@ mod thinning;
 
 pub use error::InsertionStudyError;
 
+use super::gather::Entry;
 use super::{Figure, Study, Table};
 use crate::study::machine::Machine;
+use crate::study::stability::Effort;
 
 /// What can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,7 +88,37 @@ impl Default for InsertionOptions {
     }
 }
 
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "insertion",
+    title: "Needle insertion",
+    question: "A needle goes in and comes out while a probe presses: what do step times, forces and the tip's place pay for each model? \
+               Levels of remeshing, nodes of the mesh, links of the needle, candidates of the probe, masses and springs.",
+    run: |_, effort, progress| {
+        let usual = InsertionOptions::of(effort);
+        let whole = InsertionOptions {
+            passes: 1,
+            ..usual.clone()
+        };
+        Ok(study(&effort.pick(usual, whole), progress)?)
+    },
+};
+
 impl InsertionOptions {
+    /// What is studied at an effort: the default, or a small block and short ways.
+    pub fn of(effort: Effort) -> Self {
+        effort.pick(
+            InsertionOptions {
+                nodes: 500,
+                depth_mm: 20.0,
+                bevel_depth_mm: 60.0,
+                passes: 1,
+                ..InsertionOptions::default()
+            },
+            InsertionOptions::default(),
+        )
+    }
+
     fn check(&self) -> Result<(), InsertionStudyError> {
         let numbers = [
             (

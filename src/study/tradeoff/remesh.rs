@@ -30,12 +30,14 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::Study;
+use super::gather::Entry;
 use crate::gpu::Gpu;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::remesh::Source;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
+use crate::study::stability::Effort;
 use contender::{Contender, Kind, Sources};
 pub use error::StudyError;
 use gold::Gold;
@@ -77,6 +79,50 @@ impl Default for RemeshOptions {
         }
     }
 }
+
+impl RemeshOptions {
+    /// What is studied, and how long, at an effort: the default, or few updates of few moves.
+    pub fn of(effort: Effort) -> Self {
+        let usual = RemeshOptions::default();
+        effort.pick(
+            RemeshOptions {
+                moves: 8,
+                updates: 60,
+                ..usual
+            },
+            usual,
+        )
+    }
+}
+
+/// Nodes of the mesh that is studied where no other is asked for; quickly, and wholly: those of the detailed model of the haptic
+/// simulator paper.
+pub const NODES: (usize, usize) = (500, 3300);
+/// Sizes that the report of all studies compares.
+const GATHERED: (&[usize], &[usize]) = (&[500], &[500, 1500, 3300]);
+/// Updates and patience of a contender in that report, at whole length.
+const GATHERED_UPDATES: (usize, Duration) = (200, Duration::from_secs(8));
+
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "remesh",
+    title: "Remeshing",
+    question: "The mesh follows the needle's tip: what does it cost to keep the compliance of its contacts right, and how wrong is it then? \
+               Levels, dense inverse or columns on demand, precision, device, size of the mesh.",
+    run: |means, effort, progress| {
+        let (updates, patience) = GATHERED_UPDATES;
+        let usual = RemeshOptions::of(effort);
+        let options = RemeshOptions {
+            updates: usual.updates.min(updates),
+            patience: usual.patience.min(patience),
+            ..usual
+        };
+        let (quick, whole) = GATHERED;
+        let meshes = effort.pick(quick, whole).iter().map(|nodes| subject::generated(*nodes));
+        let meshes = meshes.collect::<Result<Vec<_>, _>>()?;
+        Ok(study(&meshes, &means.gpus, &options, progress)?)
+    },
+};
 
 /// How a contender did.
 #[derive(Clone, Debug, Default)]

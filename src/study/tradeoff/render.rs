@@ -22,6 +22,9 @@ pub enum RenderError {
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),
+    /// What was measured cannot be told.
+    #[error("the report cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
 }
 
 impl Study {
@@ -158,10 +161,6 @@ impl Table {
 
     /// Comma-separated values with a header; full precision, nothing where nothing was measured.
     pub fn csv(&self) -> String {
-        let quote = |text: &str| match text.contains([',', '"', '\n']) {
-            true => format!("\"{}\"", text.replace('"', "\"\"")),
-            false => text.to_owned(),
-        };
         let keys = self.factors.iter().map(|factor| factor.key);
         let keys = keys
             .chain(self.axes.iter().map(|axis| axis.key))
@@ -173,11 +172,11 @@ impl Table {
                 .values
                 .iter()
                 .map(|value| value.map_or(String::new(), |x| format!("{x}")));
-            let cells = row.choices.iter().map(|choice| quote(choice)).chain(values);
+            let cells = row.choices.iter().map(|choice| quoted(choice)).chain(values);
             let end = [
                 row.best.to_string(),
                 row.gold.to_string(),
-                quote(row.flag.as_deref().unwrap_or("")),
+                quoted(row.flag.as_deref().unwrap_or("")),
             ];
             text.push_str(&cells.chain(end).collect::<Vec<_>>().join(","));
             text.push('\n');
@@ -209,7 +208,7 @@ impl Table {
     }
 
     /// The plot of a figure; none without a point.
-    fn plot(&self, figure: &Figure) -> Option<Plot> {
+    pub(super) fn plot(&self, figure: &Figure) -> Option<Plot> {
         let (x, y) = (self.axis(figure.x)?, self.axis(figure.y)?);
         let colour = self.factor(figure.colour)?;
         let markers: Vec<usize> = figure.marker.iter().filter_map(|key| self.factor(key)).collect();
@@ -276,6 +275,14 @@ fn axis(axis: &Axis) -> plot::Axis {
     match axis.log {
         true => plot::Axis::log(axis.label),
         false => plot::Axis::linear(axis.label),
+    }
+}
+
+/// A cell of comma-separated values.
+pub fn quoted(text: &str) -> String {
+    match text.contains([',', '"', '\n']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
     }
 }
 

@@ -9,6 +9,7 @@ mod subject;
 #[cfg(test)]
 mod tests;
 
+use super::gather::Entry;
 use super::{Axis, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
@@ -16,6 +17,7 @@ use crate::mechanics::tissue::nonlinear::creep::{CreepError, Memory};
 use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening, NonlinearError, Scheme, Slope};
 use crate::study::machine::Machine;
 use crate::study::spread::Spread;
+use crate::study::stability::Effort;
 use subject::{Model, Subject, Walked, Way};
 
 /// What to study.
@@ -51,6 +53,31 @@ impl Default for TissueOptions {
             depth_mm: 12.0,
             steps: [5, 40],
         }
+    }
+}
+
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "tissue",
+    title: "Tissue that stiffens and creeps",
+    question: "A plate presses a block of liver: which model of the tissue is needed, and which scheme solves it?",
+    run: |_, effort, progress| {
+        let usual = TissueOptions::of(effort);
+        let whole = TissueOptions { nodes: 1500, ..usual };
+        Ok(study(&effort.pick(usual, whole), progress)?)
+    },
+};
+
+impl TissueOptions {
+    /// What is studied at an effort: the default, or a small block and few steps.
+    pub fn of(effort: Effort) -> Self {
+        let usual = TissueOptions::default();
+        let quick = TissueOptions {
+            nodes: 300,
+            steps: [usual.steps[0], 10],
+            ..usual
+        };
+        effort.pick(quick, usual)
     }
 }
 

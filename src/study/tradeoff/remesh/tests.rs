@@ -175,3 +175,53 @@ fn an_insertion_moves_each_node_once_and_a_withdrawal_restores_all() {
     }
     assert_eq!(mesh.nodes(), subject.mesh.nodes());
 }
+
+/// The exact level, with an error that no rounding explains.
+fn offset(off: f64) -> Result<Study, StudyError> {
+    let options = options();
+    let subjects = [Subject::new(&small(), &options)?];
+    let subject = &subjects[0];
+    let truth = Truth::new(subject, &options)?;
+    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {})?);
+    let sources = Sources {
+        single: Source::Single(Arc::new(double.cast())),
+        double: Source::Double(double),
+    };
+    let mut report = Report::new(&subjects, &[], &options)?;
+    let kind = Kind::OnDemand;
+    let mut contender = Wrong {
+        truth: kind.make(subject, &sources)?,
+        off,
+        condensed: Mat::new(),
+    };
+    let measured = measure(&mut contender, subject, &truth, &options);
+    report.add(subject, &kind, contender.promise(), measured);
+    Ok(report.finish())
+}
+
+#[test]
+fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
+    use crate::study::tradeoff::gather::{Means, gather};
+    let report = |run| {
+        let entry = Entry { run, ..ENTRY };
+        gather(&[entry], &Means::default(), Effort::Quick, &mut |_, _| {})
+    };
+    let (right, wrong) = (report(|_, _, _| Ok(offset(0.0)?)), report(|_, _, _| Ok(offset(1e-5)?)));
+    assert_eq!(
+        (right.wrong().count(), wrong.wrong().count()),
+        (0, 1),
+        "{:?}",
+        wrong.missing
+    );
+    let (_, _, row) = wrong.wrong().next().unwrap();
+    assert!(
+        row.flag.as_ref().unwrap().contains("exact up to rounding")
+            && row.choices.contains(&"exact, columns on demand".to_owned())
+    );
+    let page = wrong.page().unwrap();
+    assert!(page.contains("WRONG: off by") && !right.page().unwrap().contains("WRONG"));
+    assert_eq!(
+        wrong.chapters[0].sections[0].advice[0].take, None,
+        "it is never advised"
+    );
+}

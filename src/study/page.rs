@@ -1,0 +1,120 @@
+//! Pages that show reports: one file each, without script and without anything from elsewhere; legible on a phone, on paper, and in
+//! light or dark as the reader has it.
+
+use std::fmt::{Display, Write};
+
+/// Plots are drawn in dark lines without a background; where the page is dark their lightness is turned round and their hue kept.
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#1b1f23;--soft:#59636e;--paper:#fff;--card:#f5f7f9;--line:#d6dce2;--good:#00694a;--bad:#b3400a}\
+@media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#a0abb6;--paper:#14181c;--card:#1e2429;--line:#39424b;--good:#4fd0a5;--bad:#ff9a66}\
+figure svg{filter:invert(1) hue-rotate(180deg)}}\
+*{box-sizing:border-box}\
+body{font:16px/1.55 system-ui,-apple-system,'Segoe UI',sans-serif;color:var(--ink);background:var(--paper);margin:0 auto;padding:1rem;max-width:64rem;overflow-wrap:break-word}\
+h1{font-size:1.6rem;line-height:1.25;margin:.5rem 0}h2{font-size:1.3rem;margin:2.5rem 0 .3rem;border-top:1px solid var(--line);padding-top:1.2rem}\
+h3{font-size:1.05rem;margin:1.8rem 0 .3rem}p{margin:.5rem 0}.soft{color:var(--soft)}small,.soft{font-size:.9rem}\
+a{color:inherit}\
+.wide{overflow-x:auto;margin:.6rem 0}\
+table{border-collapse:collapse;font-size:.9rem}\
+th,td{padding:.3rem .9rem .3rem 0;text-align:left;vertical-align:top;border-bottom:1px solid var(--line)}\
+th{font-weight:600;color:var(--soft);vertical-align:bottom}\
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}td.n{white-space:nowrap}\
+tr.wrong td{color:var(--bad)}\
+.tag{display:inline-block;white-space:nowrap;border:1px solid currentColor;border-radius:.3rem;padding:0 .35rem;font-size:.8rem}\
+.tag.good{color:var(--good)}.tag.bad{color:var(--bad);font-weight:600}.tag.plain{color:var(--soft)}\
+.advice{background:var(--card);border-left:.3rem solid var(--good);padding:.5rem .8rem;margin:.6rem 0}\
+.warning{background:var(--card);border-left:.3rem solid var(--bad);padding:.5rem .8rem;margin:.6rem 0}\
+.figures{display:flex;flex-wrap:wrap;gap:1rem 2rem;margin:.8rem 0}\
+figure{margin:0;flex:1 1 20rem;max-width:30rem;break-inside:avoid}figcaption{font-size:.9rem;color:var(--soft)}\
+svg{display:block;width:100%;height:auto}\
+details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
+@media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}}\
+@media print{:root{color-scheme:light;--ink:#000;--soft:#444;--paper:#fff;--card:#f4f4f4;--line:#bbb;--good:#00583e;--bad:#8f3000}\
+figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details{display:none}\
+h2,h3{break-after:avoid}tr,.advice{break-inside:avoid}table{font-size:8pt}}";
+
+/// A page that is being written.
+pub struct Page(String);
+
+impl Page {
+    /// A page with its title.
+    pub fn new(title: &str) -> Self {
+        let title = escape(title);
+        // Without an icon named, browsers would ask for one.
+        Page(format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><link rel=\"icon\" href=\"data:,\">\
+             <title>{title}</title><style>{STYLE}</style></head>\n<body>\n<h1>{title}</h1>\n"
+        ))
+    }
+
+    /// Adds markup, in which all that comes from elsewhere is [`escape`]d.
+    pub fn put(&mut self, markup: impl Display) {
+        // Writing to a string does not fail.
+        let _ = writeln!(self.0, "{markup}");
+    }
+
+    /// Adds a paragraph of a class.
+    pub fn paragraph(&mut self, class: &str, text: &str) {
+        self.put(format_args!("<p class=\"{class}\">{}</p>", escape(text)));
+    }
+
+    /// Adds a table that scrolls where it is too wide.
+    pub fn table(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
+        self.put("<div class=\"wide\"><table>");
+        let heading: String = headings.iter().map(|cell| cell.markup("th")).collect();
+        self.put(format_args!("<thead><tr>{heading}</tr></thead><tbody>"));
+        for (class, cells) in rows {
+            let cells: String = cells.iter().map(|cell| cell.markup("td")).collect();
+            self.put(format_args!("<tr class=\"{class}\">{cells}</tr>"));
+        }
+        self.put("</tbody></table></div>");
+    }
+
+    /// Adds a figure: an SVG document and what it shows.
+    pub fn figure(&mut self, svg: &str, caption: &str) {
+        let caption = escape(caption);
+        self.put(format_args!(
+            "<figure role=\"img\" aria-label=\"{caption}\"><figcaption>{caption}</figcaption>{svg}</figure>"
+        ));
+    }
+
+    /// The whole document.
+    pub fn finish(mut self) -> String {
+        self.0.push_str("</body></html>\n");
+        self.0
+    }
+}
+
+/// A cell of a table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Cell {
+    /// Words.
+    Text(String),
+    /// A number, to the right.
+    Number(String),
+    /// Small labels, each with its class.
+    Tags(Vec<(&'static str, String)>),
+}
+
+impl Cell {
+    fn markup(&self, element: &str) -> String {
+        match self {
+            Cell::Text(text) => format!("<{element}>{}</{element}>", escape(text)),
+            Cell::Number(text) => format!("<{element} class=\"n\">{}</{element}>", escape(text)),
+            Cell::Tags(tags) => {
+                let tags = tags
+                    .iter()
+                    .map(|(class, text)| format!("<span class=\"tag {class}\">{}</span>", escape(text)));
+                format!("<{element}>{}</{element}>", tags.collect::<Vec<_>>().join(" "))
+            }
+        }
+    }
+}
+
+/// Text as it must stand in a document.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}

@@ -1,0 +1,98 @@
+//! The report in Markdown.
+
+use std::fmt::Write;
+
+use super::{Report, Section};
+use crate::study::tradeoff::render::number;
+
+impl Report {
+    /// The report in Markdown, every figure in it.
+    pub fn markdown(&self) -> String {
+        // Writing to a string does not fail.
+        let mut text = format!("# What accuracy costs in time\n\n{}\n", self.sentence());
+        for missing in &self.missing {
+            let _ = writeln!(text, "\n**{} could not be measured:** {}", missing.name, missing.reason);
+        }
+        for note in &self.notes {
+            let _ = writeln!(text, "\n{note}");
+        }
+        let _ = writeln!(text, "\n{}", self.verdict());
+        let _ = write!(text, "\n## In short\n\n");
+        for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
+            for advice in &section.advice {
+                let _ = writeln!(text, "- **{}**: {}", section.title, advice.sentence());
+            }
+        }
+        for chapter in &self.chapters {
+            let _ = write!(text, "\n## {}\n\n{}\n\n", chapter.title, chapter.question);
+            for (key, value) in &chapter.about {
+                let _ = writeln!(text, "- {}: {value}", key.replace('_', " "));
+            }
+            for section in &chapter.sections {
+                let _ = write!(text, "\n### {}\n\n", section.title);
+                if !section.gold.is_empty() {
+                    let _ = write!(text, "Errors against: {}.\n\n", section.gold);
+                }
+                for advice in &section.advice {
+                    let _ = write!(text, "> {}\n\n", advice.sentence());
+                }
+                text += &section.markdown();
+                for drawing in chapter.drawings_of(Some(section)) {
+                    let _ = write!(text, "\n![{0}]({1}.svg)\n", drawing.plot.title, drawing.stem);
+                }
+            }
+            for drawing in chapter.drawings_of(None) {
+                let _ = write!(text, "\n![{0}]({1}.svg)\n", drawing.plot.title, drawing.stem);
+            }
+            for note in &chapter.notes {
+                let _ = write!(text, "\nNote: {note}\n");
+            }
+        }
+        text
+    }
+
+    /// On what and when it was measured.
+    pub(super) fn sentence(&self) -> String {
+        format!(
+            "Measured by {} on {} ({}; {} run, {:.0} s). Times are this machine's; errors are against the gold standard of each table, \
+             found in the same run.",
+            self.program,
+            self.date,
+            self.machine,
+            self.effort.pick("quick", "whole"),
+            self.seconds
+        )
+    }
+
+    /// Whether anything breaks what it promises.
+    pub(super) fn verdict(&self) -> String {
+        match self.wrong().count() {
+            0 => "Every row keeps what it promises.".to_owned(),
+            1 => "One row breaks what it promises: it is marked WRONG.".to_owned(),
+            wrong => format!("{wrong} rows break what they promise: they are marked WRONG."),
+        }
+    }
+}
+
+impl Section {
+    fn markdown(&self) -> String {
+        let headings = self
+            .factors
+            .iter()
+            .chain(&self.axes)
+            .map(|column| column.heading.as_str());
+        let headings: Vec<&str> = headings.chain([""]).collect();
+        let rule: String = std::iter::repeat_n("---|", self.factors.len())
+            .chain(std::iter::repeat_n("---:|", self.axes.len()))
+            .collect();
+        let mut text = format!("| {} |\n|{rule}---|\n", headings.join(" | "));
+        for row in &self.rows {
+            let values = row.values.iter().map(|value| value.map_or("-".to_owned(), number));
+            let tags: Vec<String> = Section::tags(row).into_iter().map(|(_, tag)| tag).collect();
+            let cells = row.choices.iter().cloned().chain(values).chain([tags.join(", ")]);
+            let cells: Vec<String> = cells.map(|cell| cell.replace('|', "\\|").replace('\n', " ")).collect();
+            let _ = writeln!(text, "| {} |", cells.join(" | "));
+        }
+        text
+    }
+}

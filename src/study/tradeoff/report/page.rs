@@ -1,0 +1,171 @@
+//! The report as one page.
+
+use super::{Chapter, Column, Report, Section};
+use crate::study::page::{Cell, Page, escape};
+use crate::study::plot::PlotError;
+use crate::study::tradeoff::render::number;
+
+/// Most rows of a table that stand there at once.
+const ROWS: usize = 40;
+
+impl Report {
+    /// The report as one HTML document that asks for nothing from elsewhere.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn page(&self) -> Result<String, PlotError> {
+        let mut page = Page::new("What accuracy costs in time");
+        page.paragraph("soft", &self.sentence());
+        for missing in &self.missing {
+            let text = format!("{} could not be measured: {}", missing.name, missing.reason);
+            page.paragraph("warning", &text);
+        }
+        self.notes.iter().for_each(|note| page.paragraph("soft", note));
+        let wrong = self.wrong().count() > 0;
+        page.paragraph(if wrong { "warning" } else { "" }, &self.verdict());
+        for (chapter, section, row) in self.wrong() {
+            let flag = row.flag.as_deref().unwrap_or_default();
+            let text = format!(
+                "{}, {}: {}: WRONG: {flag}",
+                chapter.title,
+                section.title,
+                row.choices.join("; ")
+            );
+            page.paragraph("warning", &text);
+        }
+        self.in_short(&mut page);
+        for chapter in &self.chapters {
+            chapter.show(&mut page)?;
+        }
+        Ok(page.finish())
+    }
+
+    /// What to take, one line each.
+    fn in_short(&self, page: &mut Page) {
+        let mut rows = Vec::new();
+        for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
+            for advice in &section.advice {
+                let [cost, error] = &advice.units;
+                let what = match advice.given.is_empty() {
+                    true => section.title.clone(),
+                    false => format!("{} ({})", section.title, advice.given),
+                };
+                let mut cells = vec![Cell::Text(what)];
+                match &advice.take {
+                    Some(way) => {
+                        let error = match way.gold {
+                            true => Cell::Text("the gold standard itself".to_owned()),
+                            false => Cell::Number(format!("{} {error}", number(way.error))),
+                        };
+                        cells.push(Cell::Text(way.name.clone()));
+                        cells.push(Cell::Number(format!("{} {cost}", number(way.cost))));
+                        cells.push(error);
+                    }
+                    None => cells.extend(["nothing is near enough", "", ""].map(|it| Cell::Text(it.to_owned()))),
+                }
+                rows.push(("", cells));
+            }
+        }
+        if rows.is_empty() {
+            return;
+        }
+        page.put("<h2>In short</h2>");
+        page.paragraph("soft", "The cheapest way whose error is of no matter; each chapter says which error that is and what else there is.");
+        let headings = [
+            Cell::Text("for".to_owned()),
+            Cell::Text("take".to_owned()),
+            Cell::Number("it costs".to_owned()),
+            Cell::Number("it is off by".to_owned()),
+        ];
+        page.table(&headings, &rows);
+    }
+}
+
+impl Chapter {
+    fn show(&self, page: &mut Page) -> Result<(), PlotError> {
+        page.put(format_args!(
+            "<h2 id=\"{0}\">{1}</h2>",
+            escape(&self.name),
+            escape(&self.title)
+        ));
+        page.paragraph("", &self.question);
+        for section in &self.sections {
+            section.show(page);
+            self.figures(page, Some(section))?;
+        }
+        self.figures(page, None)?;
+        self.notes
+            .iter()
+            .for_each(|note| page.paragraph("soft", &format!("Note: {note}")));
+        page.put("<details><summary>Settings and sizes</summary>");
+        let rows = self.about.iter().map(|(key, value)| {
+            let cells = [key.replace('_', " "), value.clone()];
+            ("", cells.map(Cell::Text).to_vec())
+        });
+        let took = vec![
+            Cell::Text("measured in".to_owned()),
+            Cell::Text(format!("{:.1} s", self.seconds)),
+        ];
+        let headings = ["what", "here"].map(|it| Cell::Text(it.to_owned()));
+        page.table(&headings, &rows.chain([("", took)]).collect::<Vec<_>>());
+        page.put(format_args!(
+            "</details><p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
+            escape(&self.name)
+        ));
+        Ok(())
+    }
+
+    fn figures(&self, page: &mut Page, section: Option<&Section>) -> Result<(), PlotError> {
+        let mut drawings = self.drawings_of(section).peekable();
+        if drawings.peek().is_none() {
+            return Ok(());
+        }
+        page.put("<div class=\"figures\">");
+        for drawing in drawings {
+            page.figure(&drawing.plot.svg_for_page()?, &drawing.plot.title);
+        }
+        page.put("</div>");
+        Ok(())
+    }
+}
+
+impl Section {
+    fn show(&self, page: &mut Page) {
+        page.put(format_args!("<h3>{}</h3>", escape(&self.title)));
+        if !self.gold.is_empty() {
+            page.paragraph("soft", &format!("Errors against: {}.", self.gold));
+        }
+        for advice in &self.advice {
+            page.paragraph("advice", &advice.sentence());
+        }
+        let all: Vec<usize> = (0..self.axes.len()).collect();
+        // Long tables and wide ones are folded; nothing of them is lost.
+        let many = self.rows.len() > ROWS;
+        if !many {
+            self.rows(page, &self.first);
+        }
+        if many || self.first.len() < all.len() {
+            let what = format!("All {} figures of {} rows", all.len(), self.rows.len());
+            page.put(format_args!("<details><summary>{what}</summary>"));
+            self.rows(page, &all);
+            page.put("</details>");
+        }
+    }
+
+    fn rows(&self, page: &mut Page, axes: &[usize]) {
+        let text = |column: &Column| Cell::Text(column.heading.clone());
+        let number_of = |at: &usize| Cell::Number(self.axes[*at].heading.clone());
+        let headings = self.factors.iter().map(text).chain(axes.iter().map(number_of));
+        let headings: Vec<Cell> = headings.chain([Cell::Text(String::new())]).collect();
+        let rows = self.rows.iter().map(|row| {
+            let choices = row.choices.iter().cloned().map(Cell::Text);
+            let values = axes
+                .iter()
+                .map(|at| Cell::Number(row.values[*at].map_or("\u{2013}".to_owned(), number)));
+            let class = if row.flag.is_some() { "wrong" } else { "" };
+            let tags = Cell::Tags(Section::tags(row));
+            (class, choices.chain(values).chain([tags]).collect::<Vec<_>>())
+        });
+        page.table(&headings, &rows.collect::<Vec<_>>());
+    }
+}

@@ -1,0 +1,187 @@
+use super::*;
+use crate::study::tradeoff::gather::{Means, STUDIES, gather};
+use crate::study::tradeoff::{Axis, Factor, Figure, Goal};
+
+const FACTORS: [Factor; 1] = [Factor {
+    key: "way",
+    label: "way",
+}];
+const AXES: [Axis; 4] = [
+    Axis::log("ms", "ms", "time, ms"),
+    Axis::log("p95_ms", "p95", "time (95th percentile), ms"),
+    Axis::log("error_mm", "error", "error, mm"),
+    Axis::log("never", "never", "never measured"),
+];
+
+/// The gold standard, a good way, and one that is off by as much as asked; a trace of it.
+fn study(off: f64) -> Study {
+    let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
+    let mut table = Table::new("ways", "Ways & means", &FACTORS, &AXES)
+        .against("the exact way")
+        .seeking(goal);
+    let rows = [("exact", 9.0, 0.0), ("good, \"or so\"", 2.0, 0.05), ("wrong", 1.0, off)];
+    for (way, ms, error) in rows {
+        let flag = (error > 1.0).then(|| format!("off by {error} mm: at most 1 is expected"));
+        let error = (way != "exact").then_some(error);
+        table.push(vec![way.to_owned()], vec![Some(ms), Some(1.5 * ms), error, None], flag);
+    }
+    table.mark_gold("way", "exact");
+    table.mark_front("ms", "error_mm", "way");
+    let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
+    for at in 1..10 {
+        trace.push(
+            vec!["exact".to_owned()],
+            vec![Some(f64::from(at)), None, Some(0.1 / f64::from(at)), None],
+            None,
+        );
+    }
+    let figure = |file: &str, table| Figure {
+        file: file.to_owned(),
+        title: format!("Figure {file}"),
+        table,
+        x: "ms",
+        y: "error_mm",
+        colour: "way",
+        marker: Vec::new(),
+        only: Vec::new(),
+        joined: false,
+        marked: true,
+        front: true,
+    };
+    Study {
+        name: "tradeoff-made-up",
+        about: vec![("nodes_of_it", "10".to_owned())],
+        machine: Machine::here(),
+        tables: vec![table, trace],
+        figures: vec![figure("cost", "ways"), figure("along", "trace")],
+        notes: vec!["one <b>was</b> left out".to_owned()],
+    }
+}
+
+const fn entry(name: &'static str, run: RunFn) -> Entry {
+    Entry {
+        name,
+        title: "Made up",
+        question: "What is it for?",
+        run,
+    }
+}
+
+type RunFn = fn(
+    &Means,
+    Effort,
+    crate::study::tradeoff::gather::Progress<'_>,
+) -> Result<Study, crate::study::tradeoff::gather::Unmeasured>;
+
+const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
+const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));
+const BROKEN: Entry = entry("broken", |_, _, _| Err("no memory".into()));
+
+fn report(entries: &[Entry]) -> Report {
+    let mut told = Vec::new();
+    let report = gather(entries, &Means::default(), Effort::Quick, &mut |_, share| {
+        told.push(share)
+    });
+    assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
+    report
+}
+
+#[test]
+fn json_reads_back_as_it_was() {
+    let report = report(&[RIGHT, WRONG, BROKEN]);
+    let mut back: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
+    // Plots are files of their own.
+    for (chapter, own) in back.chapters.iter_mut().zip(&report.chapters) {
+        chapter.drawings.clone_from(&own.drawings);
+    }
+    assert_eq!(back, report);
+    assert_eq!(report.missing[0].reason, "no memory");
+}
+
+#[test]
+fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
+    for (entry, wrong) in [(RIGHT, 0), (WRONG, 1)] {
+        let report = report(&[entry]);
+        assert_eq!(report.wrong().count(), wrong);
+        let (page, markdown) = (report.page().unwrap(), report.markdown());
+        for text in [&page, &markdown, &report.csv(), &report.json().unwrap()] {
+            assert_eq!(text.contains("at most 1 is expected"), wrong == 1, "{text}");
+        }
+        assert_eq!(page.contains("WRONG") && markdown.contains("marked WRONG"), wrong == 1);
+        let take = report.chapters[0].sections[0].advice[0].take.as_ref().unwrap();
+        assert_eq!(take.name, "good, \"or so\"");
+    }
+}
+
+#[test]
+fn what_is_not_in_the_list_is_nowhere() {
+    let both = report(&[RIGHT, entry("other", RIGHT.run)]);
+    let one = report(&[RIGHT]);
+    for (with, without) in [
+        (both.page().unwrap(), one.page().unwrap()),
+        (both.markdown(), one.markdown()),
+        (both.csv(), one.csv()),
+    ] {
+        assert!(with.len() > without.len() && !without.contains("other"));
+    }
+    let names: Vec<&str> = STUDIES.iter().map(|entry| entry.name).collect();
+    let mut distinct = names.clone();
+    distinct.sort_unstable();
+    distinct.dedup();
+    assert_eq!(distinct.len(), names.len(), "{names:?}");
+}
+
+#[test]
+fn the_page_asks_for_nothing_and_escapes_what_it_shows() {
+    let page = report(&[RIGHT]).page().unwrap();
+    for asks in ["<script", "src=", "url(", "@import", "<link rel=\"stylesheet\""] {
+        assert!(!page.contains(asks), "{asks}");
+    }
+    // A name of the language of the plots, and no address.
+    let addresses: Vec<_> = page.match_indices("http").map(|(at, _)| &page[at..at + 26]).collect();
+    assert!(
+        addresses.iter().all(|it| *it == "http://www.w3.org/2000/svg"),
+        "{addresses:?}"
+    );
+    for text in [
+        "Ways &amp; means",
+        "a &lt;reason&gt;",
+        "good, &quot;or so&quot;",
+        "one &lt;b&gt;was&lt;/b&gt; left out",
+        "gold standard",
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert_eq!(page.matches("<figure").count(), 2, "of the table and of the trace");
+    assert!(
+        !page.contains("never measured") && !page.contains(">never<"),
+        "a column that nobody filled"
+    );
+}
+
+#[test]
+fn files_are_written_whole_and_csv_has_a_line_a_figure() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = report(&[RIGHT]);
+    let files = report.write(folder.path()).unwrap();
+    assert_eq!(
+        files,
+        [
+            "right-cost.svg",
+            "right-along.svg",
+            "results.csv",
+            "results.json",
+            "report.md",
+            "index.html"
+        ]
+    );
+    let mut reader = csv::Reader::from_path(folder.path().join("results.csv")).unwrap();
+    let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    // Three times, three spreads, two errors.
+    assert_eq!(records.len(), 8);
+    let error = records
+        .iter()
+        .find(|record| &record[2] == "way=good, \"or so\"" && &record[3] == "error_mm");
+    assert_eq!(error.map(|record| (&record[4], &record[5])), Some(("mm", "0.05")));
+    assert!(report.write(&folder.path().join("none")).is_err());
+}
