@@ -1,14 +1,14 @@
 //! `insonify stability`: hard cases, and whether they hold.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use indicatif::ProgressBar;
 use insonify::output::atomic;
 use insonify::study::stability::{Case, Effort, GROUPS, Report, run, select};
 
 use super::failure::Failure;
+use super::study::{made, watched};
 use super::terminal;
 
 const TEACHING: &str = "\
@@ -24,7 +24,7 @@ Examples:
   insonify stability                         every case at the counts that its criterion names: minutes
   insonify stability --quick                 the same cases with smaller counts: seconds
   insonify stability --only remeshing        cases whose name, or whose group's, contains this
-  insonify stability -o report               every figure: report/report.md and report/results.json
+  insonify stability -o report               every figure: report/index.html, report/report.md and report/results.json
 
 Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 some do not; 2 wrong arguments.";
 
@@ -32,7 +32,7 @@ Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Stability {
-    /// Write report.md and results.json, with every figure, into this folder
+    /// Write index.html, report.md and results.json, with every figure, into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Smaller counts: seconds instead of minutes
@@ -52,20 +52,9 @@ impl Stability {
         if cases.is_empty() {
             return Err(none_selected(self.only.as_deref().unwrap_or_default()));
         }
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
-        }
+        self.output.as_deref().map_or(Ok(()), made)?;
         let report = self.measure(&cases);
-        if let Some(folder) = &self.output {
-            let results = serde_json::to_string_pretty(&report).map_err(|error| Failure::Output(error.into()))?;
-            atomic::write(&folder.join("report.md"), |file| {
-                file.write_all(report.markdown().as_bytes())
-            })?;
-            atomic::write(&folder.join("results.json"), |file| writeln!(file, "{results}"))?;
-        }
+        self.output.as_deref().map_or(Ok(()), |folder| write(&report, folder))?;
         if self.json {
             terminal::emit_json(&report)?;
         } else {
@@ -82,14 +71,22 @@ impl Stability {
 
     fn measure(&self, cases: &[(&str, &Case)]) -> Report {
         let effort = if self.quick { Effort::Quick } else { Effort::Whole };
-        let bar: ProgressBar = terminal::share(self.json);
-        let report = run(cases, effort, |name, share| {
-            bar.set_message(name.to_owned());
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        report
+        watched(self.json, |progress| run(cases, effort, progress))
     }
+}
+
+/// Writes a report into a folder, each file whole or not at all.
+fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
+    let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
+    let files = [
+        ("index.html", report.page()),
+        ("report.md", report.markdown()),
+        ("results.json", results + "\n"),
+    ];
+    for (name, text) in files {
+        atomic::write(&folder.join(name), |file| file.write_all(text.as_bytes()))?;
+    }
+    Ok(())
 }
 
 fn none_selected(only: &str) -> Failure {

@@ -90,6 +90,8 @@ impl Page {
 pub enum Cell {
     /// Words.
     Text(String),
+    /// Words, and more of them below, softer.
+    Pair(String, String),
     /// A number, to the right.
     Number(String),
     /// Small labels, each with its class.
@@ -100,6 +102,11 @@ impl Cell {
     fn markup(&self, element: &str) -> String {
         match self {
             Cell::Text(text) => format!("<{element}>{}</{element}>", escape(text)),
+            Cell::Pair(text, below) => format!(
+                "<{element}>{}<br><small class=\"soft\">{}</small></{element}>",
+                escape(text),
+                escape(below)
+            ),
             Cell::Number(text) => format!("<{element} class=\"n\">{}</{element}>", escape(text)),
             Cell::Tags(tags) => {
                 let tags = tags

@@ -1,5 +1,6 @@
 //! What cases came to, and how it reads.
 
+mod page;
 mod table;
 
 use std::fmt::{self, Write};

@@ -24,6 +24,7 @@ fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
         Ok(())
     }));
     assert!(good.holds() && good.failed() == 0);
+    assert!(!good.page().contains("FAILS") && good.page().contains("1 of 1 hard cases hold"));
     assert_eq!(good.cases[0].worst().unwrap().margin(), Some(10.0));
     let bad: [fn(&mut Record<'_>) -> Result<(), Unexpected>; 7] = [
         |record| {
@@ -55,6 +56,11 @@ fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
         assert!(
             report.to_string().contains("FAILS") && report.markdown().contains("FAILS"),
             "{report}"
+        );
+        let page = report.page();
+        assert!(
+            page.contains(">FAILS<") && page.contains("0 of 1 hard cases hold"),
+            "{page}"
         );
     }
 }
