@@ -15,6 +15,7 @@ mod mesh;
 mod phantom;
 mod plan;
 mod puncture;
+mod quality;
 mod render;
 mod scene;
 mod schema;

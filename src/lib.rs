@@ -13,6 +13,7 @@
 //! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
 //! | [`effects`] | the ordered registry of effects: parameters, CPU reference, pass declaration |
 //! | [`plan`] | scene to passes and resources, each with its reason |
+//! | [`quality`] | levels picked from what they cost on this machine |
 //! | [`synth`] | runs a plan on the CPU or the GPU |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; knows nothing of ultrasound |
 //! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
@@ -42,6 +43,7 @@ mod memory;
 pub mod output;
 pub mod phantom;
 pub mod plan;
+pub mod quality;
 pub mod random;
 pub mod real;
 pub mod remesh_gpu;

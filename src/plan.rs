@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::effects::REGISTRY;
 use crate::effects::pass::{Band, Pass, Resource};
+use crate::quality::Picked;
 use crate::synth::tables::Tables;
 
 /// One pass of a plan.
@@ -155,6 +156,7 @@ impl Plan {
             resources: self.resources.clone(),
             bytes: self.bytes(),
             warnings: self.warnings.clone(),
+            quality: None,
         }
     }
 }
@@ -186,6 +188,9 @@ pub struct PlanReport {
     pub bytes: u64,
     /// What comes out otherwise than the scene asks.
     pub warnings: Vec<String>,
+    /// What was picked where the scene says how long a frame may take, if it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Picked>,
 }
 
 impl fmt::Display for PlanReport {
@@ -207,6 +212,14 @@ impl fmt::Display for PlanReport {
                 planned.bytes
             )?;
         }
-        write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)
+        write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)?;
+        if let Some(picked) = &self.quality {
+            writeln!(f, "\nPicked for {} = {}", picked.asked, picked.budget_ms)?;
+            for setting in &picked.settings {
+                writeln!(f, "  {:<16} {}", setting.key, setting.value)?;
+            }
+            write!(f, "  {}", picked.why)?;
+        }
+        Ok(())
     }
 }

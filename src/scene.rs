@@ -38,6 +38,7 @@ pub use paths::{
 };
 
 use crate::document;
+use crate::quality::QualitySpec;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::needle::{NeedlePath, NeedlePose};
@@ -106,6 +107,10 @@ pub struct Scene {
     pub anatomy: Anatomy,
     /// How it is imaged.
     pub settings: Settings,
+    /// How long frames and steps may take; nothing where the scene does not say.
+    pub quality: QualitySpec,
+    /// Whether the scene leaves scanlines and samples open.
+    pub open_grid: [bool; 2],
     /// What was assumed, for people to read.
     pub notes: Vec<String>,
     /// What is odd, for people to heed.

@@ -11,9 +11,10 @@ use insonify::synth::{Backend, SynthError, Synthesizer};
 
 use super::failure::Failure;
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
     /// The GPU where an adapter is there, else the CPU
+    #[default]
     Auto,
     /// The CPU in single precision
     Cpu,
@@ -23,7 +24,7 @@ pub enum BackendName {
     Gpu,
 }
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct BackendArgs {
     /// What to render on
     #[arg(long, value_enum, default_value = "auto")]

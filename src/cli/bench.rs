@@ -66,7 +66,7 @@ impl Bench {
         if self.compare {
             return self.compare();
         }
-        let scene = self.input.scene(self.json)?;
+        let (scene, _) = self.input.scene(&self.backend, self.json)?;
         let count = scene.frames().min(self.frames);
         let states = (0..count)
             .map(|frame| {

@@ -3,9 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use insonify::quality::Picked;
 use insonify::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 
+use super::backend::BackendArgs;
 use super::failure::Failure;
+use super::quality::QualityArgs;
 use super::terminal::{say, warn};
 
 /// Largest width and height of a frame, pixels.
@@ -25,6 +28,8 @@ pub struct Input {
     /// Size of the frame in pixels
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[u32; 2]>,
+    #[command(flatten)]
+    quality: QualityArgs,
 }
 
 impl Input {
@@ -51,16 +56,18 @@ impl Input {
         Ok(file.resolve(base)?)
     }
 
-    /// Reads the scene and all that it names, and tells what was assumed (unless `quiet`) and what is odd.
-    pub fn scene(&self, quiet: bool) -> Result<Scene, Failure> {
-        let scene = self.load()?;
+    /// Reads the scene and all that it names, and tells what was assumed (unless `quiet`) and what is odd. Where it says how long a
+    /// frame may take, what it leaves open is picked for the backend; the second tells what.
+    pub fn scene(&self, backend: &BackendArgs, quiet: bool) -> Result<(Scene, Option<Picked>), Failure> {
+        let mut scene = self.load()?;
         if !quiet {
             for note in &scene.notes {
                 say(format_args!("note: {note}"));
             }
         }
         scene.warnings.iter().for_each(warn);
-        Ok(scene)
+        let picked = self.quality.frames(&mut scene, backend, quiet)?;
+        Ok((scene, picked))
     }
 
     fn amend(&self, file: &mut SceneFile) {

@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
+use insonify::quality::Picked;
 use insonify::scenario::run::{Asked, run};
 use insonify::scenario::{self, Scenario, ScenarioFile, Summary};
 use serde::Serialize;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
+use super::quality::QualityArgs;
 use super::terminal;
 use staging::Staging;
 use writer::Writer;
@@ -76,6 +78,8 @@ pub struct Insert {
     vtu: Option<f64>,
     #[command(flatten)]
     backend: BackendArgs,
+    #[command(flatten)]
+    quality: QualityArgs,
     /// Print the summary as one JSON object: `steps`, `max_base_force_n`, `tip_deflection_mm`, `remeshes`, `step_ms`, `events`, `seeds`, `warnings`, ...
     #[arg(long)]
     json: bool,
@@ -97,6 +101,8 @@ enum Frames {
 #[derive(Serialize)]
 struct Report<'a> {
     scenario: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    quality: Vec<Picked>,
     #[serde(flatten)]
     summary: &'a Summary,
 }
@@ -111,11 +117,15 @@ impl Insert {
         };
         self.backend.check()?;
         let staging = Staging::beside(output)?;
-        let scenario = self.scenario(path)?;
+        let (mut scenario, picked) = self.scenario(path)?;
+        let mut picked: Vec<Picked> = picked.into_iter().collect();
         let asked = Asked {
             frames: self.frames.is_some() || self.preview,
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
+        if asked.frames {
+            picked.extend(self.quality.frames_of(&mut scenario, &self.backend, self.quiet)?);
+        }
         let bar = terminal::share(self.quiet);
         bar.set_message("preparing the model");
         let model = scenario.model(|done, of| {
@@ -134,6 +144,7 @@ impl Insert {
         summary.warnings.extend(writer.warnings());
         let report = Report {
             scenario: name.clone(),
+            quality: picked,
             summary: &summary,
         };
         writer.finish(&name, &summary, &report)?;
@@ -152,12 +163,12 @@ impl Insert {
     }
 
     /// Reads the scenario and all that it names, and tells what was assumed and what is odd.
-    fn scenario(&self, path: &Path) -> Result<Scenario, Failure> {
+    fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Failure> {
         let name = path.to_str().unwrap_or_default();
         let ready = scenario::EXAMPLES
             .iter()
             .find(|(known, _)| *known == name && !path.is_file());
-        let file = match ready {
+        let mut file = match ready {
             Some((name, text)) => ScenarioFile::parse(text, name)?,
             None if path.extension().is_none() && !path.is_file() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
@@ -169,6 +180,7 @@ impl Insert {
             }
             None => ScenarioFile::read(path)?,
         };
+        let picked = self.quality.steps(&mut file, self.quiet)?;
         let bar = terminal::share(self.quiet);
         bar.set_message("making the mesh");
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -184,7 +196,10 @@ impl Insert {
                 .for_each(|note| terminal::say(format_args!("note: {note}")));
         }
         scenario.warnings.iter().for_each(terminal::warn);
-        Ok(scenario)
+        if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {
+            terminal::warn("quality.step_ms of the scene's own file is not heeded: state it in the scenario");
+        }
+        Ok((scenario, picked))
     }
 }
 

@@ -6,6 +6,7 @@ use insonify::synth::FrameState;
 use nalgebra::Matrix4;
 use serde::Serialize;
 
+use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::input::Input;
 use super::terminal;
@@ -39,7 +40,7 @@ struct Report {
 
 impl Inspect {
     pub fn run(&self) -> Result<(), Failure> {
-        let scene = self.input.scene(self.json)?;
+        let (scene, _) = self.input.scene(&BackendArgs::default(), self.json)?;
         let frames = self.frames.unwrap_or_else(|| scene.frames());
         if self.frame >= frames {
             return Err(Failure::usage(

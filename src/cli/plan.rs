@@ -3,6 +3,7 @@
 use clap::Args;
 use insonify::synth::tables::Tables;
 
+use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::input::Input;
 use super::terminal;
@@ -12,16 +13,19 @@ use super::terminal;
 pub struct Plan {
     #[command(flatten)]
     input: Input,
-    /// Print JSON: `passes`, `without`, `resources`, `bytes`, `warnings`
+    #[command(flatten)]
+    backend: BackendArgs,
+    /// Print JSON: `passes`, `without`, `resources`, `bytes`, `warnings`, and `quality` where the scene asks for it
     #[arg(long)]
     json: bool,
 }
 
 impl Plan {
     pub fn run(&self) -> Result<(), Failure> {
-        let scene = self.input.scene(self.json)?;
+        let (scene, picked) = self.input.scene(&self.backend, self.json)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
         let mut plan = insonify::plan::Plan::new(&tables).report();
+        plan.quality = picked;
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {
             plan.warnings.splice(0..0, scene.warnings);

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
+use insonify::quality::Picked;
 use insonify::scene::Scene;
 use insonify::synth::layers::Layer;
 use insonify::synth::{FrameState, PassTime, Synthesizer};
@@ -73,6 +74,8 @@ struct Report {
     height: usize,
     frames: Vec<FrameReport>,
     passes: Vec<PassReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quality: Option<Picked>,
     warnings: Vec<String>,
 }
 
@@ -92,7 +95,7 @@ struct PassReport {
 impl Render {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
-        let scene = self.input.scene(self.quiet)?;
+        let (scene, picked) = self.input.scene(&self.backend, self.quiet)?;
         let count = self.frames.unwrap_or_else(|| scene.frames());
         let target = Target::choose(self.output.as_deref(), count)?;
         let size = scene.settings.image;
@@ -111,7 +114,8 @@ impl Render {
             ));
         }
         chosen.warnings.iter().for_each(terminal::warn);
-        let report = self.frames(&scene, &mut chosen, output, count)?;
+        let mut report = self.frames(&scene, &mut chosen, output, count)?;
+        report.quality = picked;
         if self.json {
             terminal::emit_json(&report)?;
         }
@@ -168,6 +172,7 @@ impl Render {
             height: chosen.synth.frame().height,
             frames,
             passes,
+            quality: None,
             warnings,
         };
         if !self.quiet {

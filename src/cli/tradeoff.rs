@@ -124,8 +124,11 @@ fn in_short(report: &Report) -> String {
     for chapter in &report.chapters {
         let mut own = Vec::new();
         for section in &chapter.sections {
-            let advice = section.advice.iter().map(|advice| advice.sentence());
-            own.extend(advice.map(|advice| format!("  {}\n    {advice}", section.title)));
+            let advice = section
+                .advice
+                .iter()
+                .map(|advice| format!("  {}: {}", advice.choosing, advice.sentence()));
+            own.extend(advice);
         }
         if !own.is_empty() {
             lines.push(chapter.title.clone());

@@ -12,6 +12,7 @@ use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
 use super::tissue::TissueSpec;
 use crate::document::Source;
+use crate::quality::QualitySpec;
 use crate::scene::SceneFile;
 
 /// The version of the format that this crate reads.
@@ -29,6 +30,9 @@ pub struct ScenarioFile {
     /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario makes both.
     #[schemars(required)]
     pub scene: Option<SceneSource>,
+    /// How long steps and frames may take: what the scenario and its scene leave open is picked from what it costs on this machine.
+    /// Default: that of a scene that is written here.
+    pub quality: Option<QualitySpec>,
     /// How long it runs, and in what steps.
     #[serde(default)]
     pub run: RunSpec,
@@ -45,6 +49,17 @@ pub struct ScenarioFile {
     /// The text that it was read from, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
+}
+
+impl ScenarioFile {
+    /// How long steps and frames may take: as stated, or by a scene that is written here.
+    pub fn quality(&self) -> QualitySpec {
+        let of_scene = match &self.scene {
+            Some(SceneSource::Inline(scene)) => scene.quality,
+            _ => None,
+        };
+        self.quality.or(of_scene).unwrap_or_default()
+    }
 }
 
 /// Where a scene comes from.

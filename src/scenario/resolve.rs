@@ -20,6 +20,7 @@ use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::quality::QualitySpec;
 use crate::scene::{self, EXAMPLES, Scene, SceneFile};
 use crate::tracking::needle::NeedlePath;
 
@@ -97,6 +98,8 @@ pub struct Scenario {
     pub targets: Vec<Target>,
     /// When steps and frames are.
     pub timing: Timing,
+    /// How long steps and frames may take; nothing where the scenario does not say.
+    pub quality: QualitySpec,
     /// What was assumed, for people to read.
     pub notes: Vec<String>,
     /// What is odd, for people to heed.
@@ -159,6 +162,11 @@ impl ScenarioFile {
         if self.version != Some(VERSION) {
             return Err(self.fault("version", Wrong::Version { found: self.version }));
         }
+        let quality = self.quality();
+        if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
+            let expected = QualitySpec::EXPECTED;
+            return Err(self.fault(format!("quality.{key}"), Wrong::Number { found, expected }));
+        }
         let dt_s = self.step_s()?;
         let frame_s = self.frame_s()?;
         let modelling = self.modelling()?;
@@ -216,6 +224,7 @@ impl ScenarioFile {
             cylinder: tissue.cylinder,
             contact: tissue.contact,
             modelling,
+            quality,
             needle,
             deposits,
             guides,

@@ -4,6 +4,7 @@ use super::error::{At, Problem, SceneError};
 use super::file::{SceneFile, VERSION, VolumeSpec};
 use crate::effects::Effects;
 use crate::phantom::Phantom;
+use crate::quality::QualitySpec;
 use crate::synth::tables::ImageSize;
 use crate::tracking::probe::{BeamGrid, ImageGrid, InvalidGrid, Probe, ProbeShape};
 
@@ -23,6 +24,10 @@ impl SceneFile {
     pub(super) fn framing(&self) -> Result<Framing, SceneError> {
         if self.version != Some(VERSION) {
             return Err(self.fault("version", Problem::Version { found: self.version }));
+        }
+        if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
+            let expected = QualitySpec::EXPECTED;
+            return Err(self.fault(format!("quality.{key}"), Problem::Number { found, expected }));
         }
         let volume = self.volume()?;
         let probe = match self.probe {

@@ -11,6 +11,7 @@ use super::paths::{MotionSpec, NeedleTable};
 use crate::document::Source;
 use crate::effects::Effects;
 use crate::phantom::Phantom;
+use crate::quality::QualitySpec;
 use crate::tissue::{Preset, TissueOverride};
 use crate::tracking::matrix::Rows;
 use crate::tracking::placement::ScanPlane;
@@ -32,6 +33,10 @@ pub struct SceneFile {
     /// Seed of everything random in a frame: speckle, noise, solid textures. Default 0.
     #[serde(default)]
     pub seed: u64,
+    /// How long frames, and steps of an insertion, may take: what the scene leaves open is picked from what it costs on this
+    /// machine. Without it what is open has its defaults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<QualitySpec>,
     /// What is imaged.
     #[schemars(required)]
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -99,6 +99,11 @@ impl SceneFile {
                 effects: framing.effects,
                 has_needle: needle.is_some(),
             },
+            quality: self.quality.unwrap_or_default(),
+            open_grid: [
+                self.probe.is_none_or(|probe| probe.lines.is_none()),
+                self.probe.is_none_or(|probe| probe.samples.is_none()),
+            ],
             notes,
             warnings,
             file,

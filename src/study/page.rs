@@ -27,7 +27,9 @@ tr.wrong td{color:var(--bad)}\
 figure{margin:0;flex:1 1 20rem;max-width:30rem;break-inside:avoid}figcaption{font-size:.9rem;color:var(--soft)}\
 svg{display:block;width:100%;height:auto}\
 details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
-@media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}}\
+@media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}\
+.stack,.stack tbody{display:block}.stack thead{display:none}.stack tr{display:block;padding:.45rem 0;border-bottom:1px solid var(--line)}\
+.stack td{display:inline;border:0;padding:0;margin-right:.7rem}.stack td:first-child{display:block;font-weight:600}}\
 @media print{:root{color-scheme:light;--ink:#000;--soft:#444;--paper:#fff;--card:#f4f4f4;--line:#bbb;--good:#00583e;--bad:#8f3000}\
 figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details{display:none}\
 h2,h3{break-after:avoid}tr,.advice{break-inside:avoid}table{font-size:8pt}}";
@@ -60,7 +62,16 @@ impl Page {
 
     /// Adds a table that scrolls where it is too wide.
     pub fn table(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        self.put("<div class=\"wide\"><table>");
+        self.table_of_class("", headings, rows);
+    }
+
+    /// Adds a table whose rows become blocks on a narrow screen, their first cell as a heading.
+    pub fn stacked(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
+        self.table_of_class("stack", headings, rows);
+    }
+
+    fn table_of_class(&mut self, class: &str, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
+        self.put(format_args!("<div class=\"wide\"><table class=\"{class}\">"));
         let heading: String = headings.iter().map(|cell| cell.markup("th")).collect();
         self.put(format_args!("<thead><tr>{heading}</tr></thead><tbody>"));
         for (class, cells) in rows {

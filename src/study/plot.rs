@@ -322,7 +322,7 @@ impl Plot {
         root.present()
     }
 
-    /// Colours, shapes and the front: one below the other beside the axes, or in two columns below them where names are short.
+    /// Colours, shapes and the front: one below the other beside the axes, or in two columns below them where the names of a part are short.
     fn legend<'a, DB: DrawingBackend + 'a>(
         &self,
         area: &DrawingArea<DB, Shift>,
@@ -330,11 +330,12 @@ impl Plot {
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
         let dark = BLACK.mix(0.85);
         let style = TextStyle::from(("sans-serif", 15)).color(&dark);
-        let (columns, mut top) = match layout {
-            Layout::Alone => (1, 64),
-            Layout::Page => (self.columns(), LINE / 2),
+        let mut top = match layout {
+            Layout::Alone => 64,
+            Layout::Page => LINE / 2,
         };
         for part in self.keys() {
+            let columns = columns(&part, layout);
             for (at, (shape, name)) in part.iter().enumerate() {
                 let column = (at % columns) as i32 * PAGE[0] as i32 / 2;
                 let at = (14 + column, top + LINE * (at / columns) as i32);
@@ -367,17 +368,17 @@ impl Plot {
         parts.into_iter().filter(|part| !part.is_empty()).collect()
     }
 
-    /// Columns of the legend below the axes.
-    fn columns(&self) -> usize {
-        let short = |part: &Vec<Key<'_>>| part.iter().all(|(_, name)| name.chars().count() <= HALF);
-        if self.keys().iter().all(short) { 2 } else { 1 }
-    }
-
+    /// Height of the legend below the axes, pixels.
     fn legend_height(&self) -> i32 {
-        let columns = self.columns();
-        let lines = |part: &Vec<Key<'_>>| LINE * part.len().div_ceil(columns) as i32 + GAP;
-        self.keys().iter().map(lines).sum()
+        let height = |part: &Vec<Key<'_>>| LINE * part.len().div_ceil(columns(part, Layout::Page)) as i32 + GAP;
+        self.keys().iter().map(height).sum()
     }
+}
+
+/// Columns of a part of the legend.
+fn columns(part: &[Key<'_>], layout: Layout) -> usize {
+    let short = part.iter().all(|(_, name)| name.chars().count() <= HALF);
+    if layout == Layout::Page && short { 2 } else { 1 }
 }
 
 /// A line of the legend: its shape, or none for that of the front; and its name.

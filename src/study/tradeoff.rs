@@ -251,9 +251,14 @@ impl Table {
         self.factors.iter().position(|factor| factor.key == key)
     }
 
+    /// Value of a row on an axis; none where there is no such axis or nothing was measured.
+    pub fn value(&self, row: &Row, key: &str) -> Option<f64> {
+        row.values[self.axis(key)?]
+    }
+
     /// Values of a row on two axes, where it has both.
     fn point(&self, row: &Row, x: &str, y: &str) -> Option<[f64; 2]> {
-        Some([row.values[self.axis(x)?]?, row.values[self.axis(y)?]?])
+        Some([self.value(row, x)?, self.value(row, y)?])
     }
 
     /// Marks the rows that no other beats in both axes, smaller being better, among those with the same choice of `group`.

@@ -265,7 +265,13 @@ fn the_published_table_is_regenerated() {
 fn choices_are_studied() {
     let bench = Bench::new();
     let json = bench.run("tradeoff beam --json -q -o study").json();
-    for (table, rows) in [("elements", 15), ("friction", 30), ("models", 72), ("needles", 10)] {
+    for (table, rows) in [
+        ("elements", 15),
+        ("friction", 30),
+        ("friction-term", 48),
+        ("models", 72),
+        ("needles", 10),
+    ] {
         let found = json["tables"][table]["rows"].as_array().expect("rows");
         assert_eq!(found.len(), rows, "{table}");
         assert!(found.iter().all(|row| row["flag"].is_null()), "{table}");

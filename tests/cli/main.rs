@@ -12,6 +12,7 @@ mod insert_ready;
 mod material;
 mod mesh_make;
 mod meshes;
+mod quality;
 mod reports;
 mod solve;
 mod stability;

@@ -64,6 +64,8 @@ impl Bench {
             .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
             .env("NODEVICE_SELECT", "1")
+            // What is measured of this machine is kept in the folder of the test.
+            .env("INSONIFY_CACHE", self.folder.path().join("cache"))
             .env_remove("INSONIFY_ADAPTER");
         command
     }

@@ -61,6 +61,7 @@ fn levels_are_measured_against_the_moved_mesh() {
             "remesh-error-time.png",
             "remesh-error-time.svg",
             "remesh.csv",
+            "switching.csv",
             "tradeoff-remesh.json",
         ]
     );
@@ -84,7 +85,13 @@ fn several_sizes_show_the_growth_and_the_table_marks_the_best() {
 #[test]
 fn what_cannot_be_studied_is_refused_with_status_2() {
     let bench = Bench::new();
-    bench.run("tradeoff").fails(2, &["remesh", "insertion"]);
+    bench
+        .run("tradeoff --only remsh")
+        .fails(2, &["no study `remsh`", "remesh, insertion"]);
+    bench.write("file", "");
+    bench
+        .run("tradeoff --quick --only history -o file/report")
+        .fails(1, &["no folder can be made"]);
     bench.run("tradeoff remesh --nodes 7").fails(2, &["100", "7"]);
     bench.run("tradeoff remesh --mesh none.vtu").fails(2, &["none.vtu"]);
     bench
@@ -129,4 +136,53 @@ fn insertions_are_studied_part_by_part() {
     bench
         .run("tradeoff insertion --depth-mm 500")
         .fails(2, &["500", "10 to 80 mm"]);
+}
+
+#[test]
+fn all_studies_go_into_one_report() {
+    let bench = Bench::new();
+    let run = bench.run("tradeoff --quick --only history,tissue --quiet --json -o here/report");
+    let json = run.json();
+    let names = |of: &str, key: &str| -> Vec<String> {
+        let list = json[of].as_array().expect("a list");
+        list.iter()
+            .map(|it| it[key].as_str().expect("a name").to_owned())
+            .collect()
+    };
+    assert_eq!(
+        names("chapters", "name"),
+        ["tissue", "history"],
+        "in the order of the list"
+    );
+    assert_eq!(json["missing"].as_array().map(Vec::len), Some(0));
+    for chapter in json["chapters"].as_array().expect("chapters") {
+        for section in chapter["sections"].as_array().expect("sections") {
+            assert!(
+                !section["gold"].as_str().expect("a gold standard").is_empty(),
+                "{section}"
+            );
+            assert!(!section["advice"].as_array().expect("advice").is_empty(), "{section}");
+        }
+    }
+    let files = bench.files("here/report");
+    for file in [
+        "index.html",
+        "report.md",
+        "results.csv",
+        "results.json",
+        "history-error-time.svg",
+    ] {
+        assert!(files.contains(&file.to_owned()), "{files:?}");
+    }
+    let written: Value =
+        serde_json::from_slice(&std::fs::read(bench.path("here/report/results.json")).unwrap()).unwrap();
+    assert_eq!(written, json);
+    let text = bench
+        .run("tradeoff --quick --only history --quiet -o report")
+        .text()
+        .to_owned();
+    assert!(
+        text.contains("memory of viscoelastic tissue") && text.contains("Take "),
+        "{text}"
+    );
 }

@@ -36,7 +36,7 @@ pub fn shrink(file: &mut SceneFile) {
         volume.resolution_mm = Some(3.0);
     }
     if let Some(probe) = &mut file.probe {
-        (probe.lines, probe.samples) = (64, 128);
+        (probe.lines, probe.samples) = (Some(64), Some(128));
     }
     let image = file.image.get_or_insert_default();
     (image.width, image.height) = (120, 90);

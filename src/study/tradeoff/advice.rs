@@ -9,9 +9,9 @@ use super::render::number;
 use super::{Row, Table};
 
 /// Shifts that are of no matter in an image, mm, and why.
-pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel of an image 150 mm deep in 512 rows");
+pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
 /// Forces that are of no matter to a hand, N, and why.
-pub const FORCE_N: (f64, &str) = (0.1, "hands tell two forces of 1 to 2 N apart from about there");
+pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N");
 
 /// What a user wants of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +24,8 @@ pub struct Goal {
     pub within: f64,
     /// Why it is of no matter.
     pub reason: &'static str,
+    /// What is chosen, in a few words; the title of the table where there are none.
+    pub choosing: &'static str,
     /// Keys of axes that a reader wants to see beside those two, such as the spread of the cost, or memory.
     pub beside: Vec<&'static str>,
     /// Keys of factors that are given, such as the size of a mesh: each of their combinations gets advice of its own.
@@ -35,6 +37,8 @@ pub struct Goal {
 /// One recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Advice {
+    /// What is chosen.
+    pub choosing: String,
     /// Under which given choices; empty where there are none.
     pub given: String,
     /// What to take; none where nothing stays within the goal.
@@ -53,10 +57,17 @@ impl Goal {
             error,
             within,
             reason,
+            choosing: "",
             beside: Vec::new(),
             each: Vec::new(),
             over: Vec::new(),
         }
+    }
+
+    /// What is chosen, in a few words.
+    pub fn choosing(mut self, what: &'static str) -> Self {
+        self.choosing = what;
+        self
     }
 
     /// What to show beside cost and error.
@@ -125,7 +136,7 @@ impl Table {
         let (cost_unit, error_unit) = (unit(goal.cost), unit(goal.error));
         let cost = |way: &Way| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
         let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
-        let limit = format!("{} ({})", error(goal.within), goal.reason);
+        let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
         let fits = |way: &&Way| way.error <= goal.within;
         let order = |a: &&Way, b: &&Way| a.cost.total_cmp(&b.cost).then(a.error.total_cmp(&b.error));
         let take = ways.iter().filter(fits).min_by(order);
@@ -171,6 +182,10 @@ impl Table {
             _ => words += &format!(" {wrong} rows are marked WRONG and left out."),
         }
         Advice {
+            choosing: match goal.choosing.is_empty() {
+                true => self.title.clone(),
+                false => goal.choosing.to_owned(),
+            },
             given: rows
                 .first()
                 .map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key))),

@@ -52,6 +52,7 @@ pub fn study() -> Result<Study, BeamError> {
     let tables = vec![
         elements::table()?,
         friction::table()?,
+        friction::term()?,
         models::table()?,
         needles::table()?,
     ];

@@ -92,6 +92,8 @@ struct Measured {
     error: f64,
     /// Of all steps, s.
     seconds: f64,
+    /// The same the slowest time over, s.
+    slowest_s: f64,
     bytes: usize,
 }
 
@@ -171,6 +173,7 @@ impl Contender {
             let again = self.follow(order, samples)?;
             spent += again.seconds.max(REPEATED_S / 50.0);
             best.seconds = best.seconds.min(again.seconds);
+            best.slowest_s = best.slowest_s.max(again.seconds);
         }
         Ok(best)
     }
@@ -214,6 +217,7 @@ impl Contender {
         Ok(Measured {
             error: error / largest,
             seconds,
+            slowest_s: seconds,
             bytes: history.bytes(),
         })
     }

@@ -9,6 +9,7 @@
 //! | `bevel` | bevels in a block of PVC: deflection against depth (the same paper, section VI-A) |
 //! | `thinning` | every n-th candidate of the probe |
 //! | `links` | lengths of the links of a needle of angular springs |
+//! | `mesh` | nodes of the mesh |
 //! | `masses` | masses and springs against finite elements |
 //!
 //! `course` moves hands and clocks, `columns` has the columns that tables share.
@@ -20,6 +21,7 @@ mod error;
 mod levels;
 mod links;
 mod masses;
+mod mesh;
 #[cfg(test)]
 mod tests;
 mod thinning;
@@ -44,11 +46,20 @@ pub enum Part {
     Thinning,
     /// Links of the needle.
     Links,
+    /// Nodes of the mesh.
+    Mesh,
 }
 
 impl Part {
     /// All of them.
-    pub const ALL: [Part; 5] = [Part::Levels, Part::Bevel, Part::Masses, Part::Thinning, Part::Links];
+    pub const ALL: [Part; 6] = [
+        Part::Levels,
+        Part::Mesh,
+        Part::Bevel,
+        Part::Masses,
+        Part::Thinning,
+        Part::Links,
+    ];
 
     fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
         match self {
@@ -57,6 +68,7 @@ impl Part {
             Part::Masses => masses::run(options, progress),
             Part::Thinning => thinning::run(options, progress),
             Part::Links => links::run(options, progress),
+            Part::Mesh => mesh::run(options, progress),
         }
     }
 }

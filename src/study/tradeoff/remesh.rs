@@ -15,6 +15,7 @@
 //! | [`subject`] | mesh, supports, contacts and moves |
 //! | [`gold`] | the truth |
 //! | [`contender`] | the ways to follow |
+//! | `switching` | pivots against a new factorisation where contacts switch |
 //! | [`bandwidth`] | how fast this machine copies |
 
 pub mod bandwidth;
@@ -23,6 +24,7 @@ mod error;
 pub mod gold;
 mod report;
 pub mod subject;
+mod switching;
 #[cfg(test)]
 mod tests;
 
@@ -131,6 +133,10 @@ pub struct Measured {
     pub times_ms: Vec<f64>,
     /// Time of updates on a device, ms.
     pub device_ms: Vec<f64>,
+    /// Time to get ready: the inverse where one is needed, and the first K^c, ms.
+    pub prepare_ms: f64,
+    /// Bytes held at the end.
+    pub held: usize,
     /// Bytes of large matrices read and written by an update, where known.
     pub bytes: Vec<usize>,
     /// Updates after which everything was computed anew.
@@ -170,6 +176,9 @@ pub fn study(
             );
         };
         one(subject, gpus, options, &mut report, &mut inner)?;
+        if at + 1 == subjects.len() && options.cpu {
+            report.set_switching(switching::table(subject)?);
+        }
     }
     progress("done", 1.0);
     Ok(report.finish())
@@ -185,6 +194,7 @@ fn one(
 ) -> Result<(), StudyError> {
     const INVERSE: f64 = 0.2;
     const GOLD: f64 = 0.1;
+    let begun = Instant::now();
     let double = invert::<f64>(&subject.factor, |done, of| {
         progress("the dense inverse", INVERSE * done as f64 / of as f64);
     })?;
@@ -193,6 +203,7 @@ fn one(
         single: Source::Single(Arc::new(double.cast())),
         double: Source::Double(double),
     };
+    let inverse_ms = begun.elapsed().as_secs_f64() * 1e3;
     progress("the gold standard", INVERSE);
     let truth = Truth::new(subject, options)?;
     let kinds = contender::kinds(gpus, options);
@@ -200,9 +211,12 @@ fn one(
     for (at, kind) in kinds.iter().enumerate() {
         let start = INVERSE + GOLD + (1.0 - INVERSE - GOLD) * at as f64 / count;
         progress(&kind.to_string(), start);
+        let begun = Instant::now();
         match kind.make(subject, &sources) {
             Ok(mut contender) => {
-                let measured = measure(&mut *contender, subject, &truth, options);
+                let made_ms = begun.elapsed().as_secs_f64() * 1e3;
+                let mut measured = measure(&mut *contender, subject, &truth, options);
+                measured.prepare_ms += made_ms + if kind.needs_inverse() { inverse_ms } else { 0.0 };
                 report.add(subject, kind, contender.promise(), measured);
             }
             Err(error) => report.note(format!("{} nodes, {kind}: not measured: {error}", subject.nodes())),
@@ -267,7 +281,9 @@ fn run(
 ) -> Result<(), StudyError> {
     let mut mesh = subject.mesh.clone();
     let inserted = subject.inserted();
+    let ready = Instant::now();
     contender.set_contacts(&subject.contacts)?;
+    measured.prepare_ms = ready.elapsed().as_secs_f64() * 1e3;
     let begun = Instant::now();
     let mut states = truth.0.iter();
     let mut next = states.next();
@@ -297,6 +313,7 @@ fn run(
             break;
         }
     }
+    measured.held = contender.held();
     // Measuring the device costs a wait at each update, so it is done apart from the clock on the wall.
     let done = measured.times_ms.len();
     if contender.time_device()? {

@@ -76,19 +76,11 @@ pub struct ProbeSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_mhz: Option<f64>,
     /// Scanlines (1 to 8192). Default 256.
-    #[serde(default = "default_lines")]
-    pub lines: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lines: Option<u32>,
     /// Samples along each scanline (1 to 16384). Default 512.
-    #[serde(default = "default_samples")]
-    pub samples: u32,
-}
-
-fn default_lines() -> u32 {
-    DEFAULT_LINES
-}
-
-fn default_samples() -> u32 {
-    DEFAULT_SAMPLES
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u32>,
 }
 
 impl ProbeSpec {
@@ -136,8 +128,8 @@ impl ProbeSpec {
             length_mm: None,
             depth_mm: 0.0,
             frequency_mhz: None,
-            lines: DEFAULT_LINES,
-            samples: DEFAULT_SAMPLES,
+            lines: None,
+            samples: None,
         };
         match *shape {
             ProbeShape::Linear { width_mm } => spec.width_mm = Some(width_mm),
@@ -160,8 +152,8 @@ impl TryFrom<ProbeSpec> for Probe {
             shape: spec.shape()?,
             depth_mm: spec.depth_mm,
             frequency_mhz: spec.frequency_mhz.unwrap_or(spec.kind.usual_frequency_mhz()),
-            lines: spec.lines,
-            samples: spec.samples,
+            lines: spec.lines.unwrap_or(DEFAULT_LINES),
+            samples: spec.samples.unwrap_or(DEFAULT_SAMPLES),
         };
         probe.validate()?;
         Ok(probe)
@@ -173,8 +165,8 @@ impl From<Probe> for ProbeSpec {
         Self {
             depth_mm: probe.depth_mm,
             frequency_mhz: Some(probe.frequency_mhz),
-            lines: probe.lines,
-            samples: probe.samples,
+            lines: Some(probe.lines),
+            samples: Some(probe.samples),
             ..Self::of_shape(&probe.shape)
         }
     }

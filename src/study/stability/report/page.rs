@@ -37,7 +37,7 @@ impl Report {
                 Cell::Text(String::new()),
             ];
             let rows: Vec<_> = self.of_group(group).map(CaseReport::row).collect();
-            page.table(&headings, &rows);
+            page.stacked(&headings, &rows);
             for case in self.of_group(group) {
                 case.details(&mut page);
             }

@@ -49,7 +49,7 @@ fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
     );
     assert_eq!(
         advice[0].sentence(),
-        "nodes: 10: Take good: 6.00 ms, off by 0.0200 mm; the cheapest within 0.100 mm (nobody sees it). Cheaper is good in one \
+        "nodes: 10: Take good: 6.00 ms, off by 0.0200 mm; the cheapest within 0.1 mm (nobody sees it). Cheaper is good in one \
          case: 1.00 ms, off by 0.700 mm. The gold standard takes 60.0 ms."
     );
     // Where all else is off too far, what is right by definition is left.
@@ -86,7 +86,7 @@ fn what_nothing_reaches_is_said_with_the_nearest() {
     let advice = &far.advice()[0];
     assert_eq!(advice.take, None);
     assert!(
-        advice.words.contains("Nothing measured stays within 0.100 mm")
+        advice.words.contains("Nothing measured stays within 0.1 mm")
             && advice.words.contains("near: 2.00 ms, off by 0.300 mm"),
         "{}",
         advice.words

@@ -1,9 +1,13 @@
 //! The friction term: on and off.
 
-use super::{apart, axis, factor, solve};
-use crate::mechanics::needle::beam::{Base, BeamError};
+use std::hint::black_box;
+use std::time::Instant;
+
+use super::{FINE_MM, apart, axis, factor, solve};
+use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam};
 use crate::study::beam::{ELEMENT_MM, TISSUES, problem};
-use crate::study::tradeoff::{Figure, Table};
+use crate::study::spread::Spread;
+use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const FRICTION: [f64; 5] = [0.0, 0.1, 0.3, 0.6, 1.0];
 const SLOPES: [f64; 3] = [-0.1, -0.4, -0.8];
@@ -50,6 +54,69 @@ pub(super) fn table() -> Result<Table, BeamError> {
                 ];
                 let choices = vec![tissue.name.to_owned(), format!("slope {slope}"), format!("{friction}")];
                 table.push(choices, values, None);
+            }
+        }
+    }
+    Ok(table)
+}
+
+/// Solutions that are timed.
+const REPEATS: usize = 21;
+
+/// The term left out, and kept, where there is friction.
+pub(super) fn term() -> Result<Table, BeamError> {
+    let axes = [
+        axis("median_ms", "ms", "time of a solution (median), ms", true),
+        axis("p95_ms", "p95 ms", "time of a solution (95th percentile), ms", true),
+        axis("error_mm", "error mm", "largest error of the deflection, mm", true),
+    ];
+    let factors = [
+        factor("friction", "gamma"),
+        factor("tissue", "tissue"),
+        factor("slope", "slope"),
+        factor("term", "friction term"),
+    ];
+    let goal = Goal::new("median_ms", "error_mm", SHIFT_MM).choosing("friction term of a beam");
+    let title = "Friction: the term left out where there is friction";
+    let mut table = Table::new("friction-term", title, &factors, &axes)
+        .against(format!("the term kept, elements of {FINE_MM} mm"))
+        .seeking(goal.each(&["friction"]).over(&["tissue", "slope"]).beside(&["p95_ms"]));
+    for friction in FRICTION.into_iter().filter(|gamma| *gamma > 0.0) {
+        for tissue in TISSUES {
+            for slope in SLOPES {
+                let base = Base {
+                    displacement_mm: 15.0,
+                    slope: Some(slope),
+                };
+                let of = |element_mm: f64, friction: f64| {
+                    let mut needle = problem(tissue.material, tissue.compression, 20.0, 60.0, element_mm);
+                    needle.layers[0].friction = friction;
+                    needle
+                };
+                let truth = solve(&of(FINE_MM, friction), &base)?;
+                for (term, gamma) in [("left out", 0.0), ("kept", friction)] {
+                    let mut beam = FoundationBeam::new(&of(ELEMENT_MM, gamma))?;
+                    let shape = beam.solve(&base)?;
+                    let mut times = Vec::with_capacity(REPEATS);
+                    for _ in 0..REPEATS {
+                        let start = Instant::now();
+                        black_box(beam.solve(black_box(&base))?);
+                        times.push(start.elapsed().as_secs_f64() * 1e3);
+                    }
+                    let time = Spread::of(times);
+                    let choices = [
+                        friction.to_string(),
+                        tissue.name.to_owned(),
+                        format!("slope {slope}"),
+                        term.to_owned(),
+                    ];
+                    let values = [
+                        time.map(|time| time.median_ms),
+                        time.map(|time| time.p95_ms),
+                        Some(apart(&shape, &truth)),
+                    ];
+                    table.push(choices.to_vec(), values.to_vec(), None);
+                }
             }
         }
     }

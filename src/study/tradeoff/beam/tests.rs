@@ -8,8 +8,8 @@ fn value(table: &Table, row: &Row, key: &str) -> f64 {
 #[test]
 fn choices_are_measured_against_the_fine_needle() {
     let study = study().expect("a study");
-    let [elements, friction, models, needles] = &study.tables[..] else {
-        panic!("four tables");
+    let [elements, friction, term, models, needles] = &study.tables[..] else {
+        panic!("five tables");
     };
     assert!(
         study
@@ -31,6 +31,11 @@ fn choices_are_measured_against_the_fine_needle() {
     for rows in friction.rows.chunks(5) {
         let moved: Vec<f64> = rows.iter().map(|row| value(friction, row, "shape_mm")).collect();
         assert!(moved[0] == 0.0 && moved.is_sorted_by(|a, b| a < b), "{moved:?}");
+    }
+    // Kept, the term errs by the elements alone; left out, by what friction does.
+    for pair in term.rows.chunks(2) {
+        let [left_out, kept] = [0, 1].map(|at| value(term, &pair[at], "error_mm"));
+        assert!(kept < 1e-2 * left_out, "{left_out} {kept}");
     }
     // The right model errs by its elements alone, any other by more, and swapped parameters the more the deeper the needle is.
     let right = |row: &&Row| {

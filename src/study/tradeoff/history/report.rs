@@ -29,9 +29,10 @@ const fn log(key: &'static str, heading: &'static str, label: &'static str) -> A
     }
 }
 
-const AXES: [Axis; 6] = [
+const AXES: [Axis; 7] = [
     log("steps", "steps", "steps"),
     log("total_ms", "ms", "time of all steps, ms"),
+    log("slowest_ms", "slowest", "time of all steps (the slowest time over), ms"),
     log("step_us", "us a step", "mean time of a step, us"),
     log("memory_kb", "kB", "memory of the history, kB"),
     log("error", "error", "error relative to the exact law"),
@@ -68,7 +69,9 @@ impl Report {
                 .seeking(
                     Goal::new("total_ms", "error_mm", SHIFT_MM)
                         .each(&["count"])
-                        .over(&["lengths"]),
+                        .over(&["lengths"])
+                        .choosing("memory of viscoelastic tissue")
+                        .beside(&["slowest_ms", "memory_kb"]),
                 ),
             about: vec![("order", options.order.to_string()), ("steps", steps.join(", "))],
             notes,
@@ -113,6 +116,7 @@ impl Report {
             vec![
                 Some(steps),
                 Some(measured.seconds * 1e3),
+                Some(measured.slowest_s * 1e3),
                 Some(measured.seconds * 1e6 / steps),
                 Some(measured.bytes as f64 * 1e-3),
                 Some(measured.error),

@@ -79,7 +79,12 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         &[&DIFFERENCES[..], &TIMES, &[UNSETTLED]].concat(),
     )
     .against("level I in f64, which keeps the whole inverse")
-    .seeking(Goal::new("remesh_median_ms", "force_after_n", FORCE_N).over(&["probe"]));
+    .seeking(
+        Goal::new("remesh_median_ms", "force_after_n", FORCE_N)
+            .over(&["probe"])
+            .choosing("level of remeshing along an insertion")
+            .beside(&["median_ms", "max_ms", "tip_after_mm"]),
+    );
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
     let mut findings = Findings::default();
     for (half, probe) in [true, false].into_iter().enumerate() {

@@ -36,7 +36,11 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
     )
     .against(format!("links of {finest} mm"))
-    .seeking(Goal::new("median_ms", "tip_mm", SHIFT_MM));
+    .seeking(
+        Goal::new("median_ms", "tip_mm", SHIFT_MM)
+            .choosing("links of the needle")
+            .beside(&["p99_ms", "force_n"]),
+    );
     let course = Course {
         depth_mm: options.depth_mm,
         probe: false,

@@ -94,6 +94,17 @@ fn shorter_links_come_nearer() {
     assert_eq!(value(&study, &["1.25"], "tip_mm"), None);
 }
 
+/// Finer meshes come nearer to the finest, and every one is compared but that.
+#[test]
+fn finer_meshes_come_nearer() {
+    let study = of(Part::Mesh);
+    let table = &study.tables[0];
+    let at = table.axis("force_rms_n").unwrap();
+    let errors: Vec<Option<f64>> = table.rows.iter().map(|row| row.values[at]).collect();
+    assert_eq!((errors.len(), errors[3], table.rows[3].gold), (4, None, true));
+    assert!(errors[2] < errors[0] && errors[2] > Some(0.0), "{errors:?}");
+}
+
 #[test]
 fn sizes_out_of_range_are_refused_with_what_is_expected() {
     type Spoil = fn(&mut InsertionOptions);

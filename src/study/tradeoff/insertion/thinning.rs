@@ -36,7 +36,11 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         &[&AXES[..], &TIMES, &[UNSETTLED]].concat(),
     )
     .against("every candidate kept")
-    .seeking(Goal::new("median_ms", "tip_mm", SHIFT_MM));
+    .seeking(
+        Goal::new("median_ms", "tip_mm", SHIFT_MM)
+            .choosing("candidates of the probe")
+            .beside(&["p99_ms", "candidates", "probe_percent", "force_n"]),
+    );
     let course = Course {
         depth_mm: options.depth_mm,
         probe: true,

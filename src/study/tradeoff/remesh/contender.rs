@@ -84,6 +84,9 @@ pub trait Contender {
     /// [`StudyError`].
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError>;
 
+    /// Bytes it holds, the base among them.
+    fn held(&self) -> usize;
+
     /// Begins to measure the time of updates on a device; false where there is none or it cannot.
     ///
     /// # Errors
@@ -164,6 +167,11 @@ impl Kind {
             Kind::Device(_, gpu) => Some(gpu),
             _ => None,
         }
+    }
+
+    /// Whether it starts from the dense inverse.
+    pub fn needs_inverse(&self) -> bool {
+        matches!(self, Kind::Dense(..) | Kind::Device(..))
     }
 
     /// Makes it.
@@ -268,6 +276,10 @@ impl Contender for Follower {
         Ok(self.get_mut().displacement(forces, out)?)
     }
 
+    fn held(&self) -> usize {
+        self.get().memory()
+    }
+
     fn time_device(&mut self) -> Result<bool, StudyError> {
         match self {
             Follower::Cpu(_) => Ok(false),
@@ -367,5 +379,11 @@ impl Contender for Refactored {
         }
         self.factor.solve_in_place(out);
         Ok(())
+    }
+
+    /// The factor's entries and their rows, and the solutions.
+    fn held(&self) -> usize {
+        let factor = self.factor.entries() * (size_of::<f64>() + size_of::<u32>());
+        factor + self.solutions.nrows() * self.solutions.ncols() * size_of::<f64>()
     }
 }

@@ -4,12 +4,14 @@ use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::tissue::assembly::AssemblyError;
 use crate::mechanics::tissue::compliance::ComplianceError;
+use crate::mechanics::tissue::condensed::CondensedError;
 use crate::mechanics::tissue::factor::FactorError;
 use crate::mechanics::tissue::inverse::InverseError;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::adapted::RefusedMove;
 use crate::mechanics::tissue::rigid::RigidError;
+use crate::mechanics::tissue::switching::SwitchError;
 
 /// Why a mesh cannot be studied.
 #[derive(Debug, thiserror::Error)]
@@ -70,6 +72,12 @@ pub enum StudyError {
     /// A remesher refuses.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
+    /// Contacts cannot be condensed.
+    #[error(transparent)]
+    Condensed(#[from] CondensedError),
+    /// Contacts cannot be solved for.
+    #[error(transparent)]
+    Switch(#[from] SwitchError),
     /// A device fails.
     #[error(transparent)]
     Gpu(#[from] GpuError),

@@ -30,7 +30,7 @@ const FACTORS: [Factor; 4] = [
 
 const ERROR_CONDENSED: Axis = Axis::log("error_condensed", "err K^c", "relative error of K^c");
 
-const AXES: [Axis; 15] = [
+const AXES: [Axis; 17] = [
     Axis::log("dofs", "dofs", "free degrees of freedom"),
     Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
     Axis::log(
@@ -38,6 +38,12 @@ const AXES: [Axis; 15] = [
         "p95 ms",
         "time of a remesh with its K^c (95th percentile), ms",
     ),
+    Axis::log(
+        "prepare_ms",
+        "ready ms",
+        "time to get ready, the inverse included where one is needed, ms",
+    ),
+    Axis::log("held_mb", "held MB", "memory held, MB"),
     Axis::log(
         "device_ms",
         "device ms",
@@ -73,6 +79,7 @@ pub(super) struct Report {
     study: Study,
     remesh: Table,
     drift: Table,
+    switching: Option<Table>,
     copy_cpu: f64,
     copy_gpus: Vec<(String, f64)>,
 }
@@ -127,7 +134,13 @@ impl Report {
                 &AXES,
             )
             .against(GOLD)
-            .seeking(Goal::new("median_ms", "error_mm", SHIFT_MM).each(&["nodes"])),
+            .seeking(
+                Goal::new("median_ms", "error_mm", SHIFT_MM)
+                    .choosing("level of remeshing")
+                    .each(&["nodes"])
+                    .beside(&["p95_ms", "prepare_ms", "held_mb"]),
+            ),
+            switching: None,
             drift: Table::new("drift", "Error of K^c after so many updates", &FACTORS, &DRIFT).against(GOLD),
             copy_cpu,
             copy_gpus,
@@ -164,6 +177,8 @@ impl Report {
             Some(subject.size() as f64),
             time.map(|time| time.median_ms),
             time.map(|time| time.p95_ms),
+            Some(measured.prepare_ms),
+            Some(megabytes(measured.held)),
             median(measured.device_ms),
             bytes.map(|bytes| bytes * 1e-6),
             rate.map(|rate| rate * 1e-9),
@@ -180,13 +195,17 @@ impl Report {
         self.remesh.push(choices, values, flag);
     }
 
+    pub fn set_switching(&mut self, table: Table) {
+        self.switching = Some(table);
+    }
+
     pub fn note(&mut self, note: String) {
         self.study.notes.push(note);
     }
 
     pub fn finish(mut self) -> Study {
         self.remesh.mark_front("median_ms", "error_condensed", "nodes");
-        self.study.tables = vec![self.remesh, self.drift];
+        self.study.tables = [self.remesh, self.drift].into_iter().chain(self.switching).collect();
         self.study
     }
 }

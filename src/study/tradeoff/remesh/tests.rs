@@ -88,6 +88,10 @@ impl Contender for Wrong {
         self.truth.block(rows, columns)
     }
 
+    fn held(&self) -> usize {
+        self.truth.held()
+    }
+
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError> {
         self.truth.displacement(forces, out)
     }

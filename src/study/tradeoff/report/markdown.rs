@@ -20,7 +20,7 @@ impl Report {
         let _ = write!(text, "\n## In short\n\n");
         for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
             for advice in &section.advice {
-                let _ = writeln!(text, "- **{}**: {}", section.title, advice.sentence());
+                let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
             }
         }
         for chapter in &self.chapters {

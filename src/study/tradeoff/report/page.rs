@@ -47,8 +47,8 @@ impl Report {
             for advice in &section.advice {
                 let [cost, error] = &advice.units;
                 let what = match advice.given.is_empty() {
-                    true => section.title.clone(),
-                    false => format!("{} ({})", section.title, advice.given),
+                    true => advice.choosing.clone(),
+                    false => format!("{} ({})", advice.choosing, advice.given),
                 };
                 let mut cells = vec![Cell::Text(what)];
                 match &advice.take {
@@ -77,7 +77,7 @@ impl Report {
             Cell::Number("it costs".to_owned()),
             Cell::Number("it is off by".to_owned()),
         ];
-        page.table(&headings, &rows);
+        page.stacked(&headings, &rows);
     }
 }
 

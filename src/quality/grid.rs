@@ -1,0 +1,66 @@
+//! Grids of scanlines and samples: what a frame of a scene costs on each.
+
+use super::{Costs, Dial, Rung};
+use crate::tracking::probe::Probe;
+
+/// Scanlines and samples, coarse to fine.
+pub const GRIDS: [[u32; 2]; 5] = [[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]];
+/// More scanlines or samples than this for each pixel show nothing more.
+const OF_A_PIXEL: usize = 2;
+/// A grid that takes so many times the budget ends the measurement: finer ones take longer.
+const TOO_LONG: f64 = 2.0;
+
+/// The keys of a grid.
+pub const KEYS: [&str; 2] = ["probe.lines", "probe.samples"];
+
+/// The grids to try for an image of some width and height, coarse to fine: what is not open stays as the probe has it.
+pub fn candidates(probe: &Probe, open: [bool; 2], [width, height]: [usize; 2]) -> Vec<[u32; 2]> {
+    let of_use = |[lines, samples]: &[u32; 2]| {
+        *lines as usize <= OF_A_PIXEL * width && *samples as usize <= OF_A_PIXEL * height
+            || [*lines, *samples] == GRIDS[0]
+    };
+    let grids = GRIDS.iter().filter(|grid| of_use(grid)).map(|[lines, samples]| {
+        [
+            if open[0] { *lines } else { probe.lines },
+            if open[1] { *samples } else { probe.samples },
+        ]
+    });
+    grids.collect()
+}
+
+/// Measures a frame on one grid after the other, coarse to fine, until one takes far too long. `time` gives ms.
+///
+/// # Errors
+/// Those of `time`.
+pub fn measure<E>(
+    grids: &[[u32; 2]],
+    open: [bool; 2],
+    budget_ms: f64,
+    measured: String,
+    mut time: impl FnMut([u32; 2]) -> Result<f64, E>,
+) -> Result<Costs, E> {
+    let mut rungs = Vec::new();
+    for grid in grids {
+        let ms = time(*grid)?;
+        let samples = f64::from(grid[0]) * f64::from(grid[1]);
+        let values = grid.iter().zip(open).filter(|(_, open)| *open);
+        rungs.push(Rung {
+            values: values.map(|(value, _)| value.to_string()).collect(),
+            extra_ms: ms,
+            // The finer the better: what that is in grey levels is another question, but not which is better.
+            error: 1.0 / samples,
+        });
+        if ms > TOO_LONG * budget_ms {
+            break;
+        }
+    }
+    let keys = KEYS.iter().zip(open).filter(|(_, open)| *open);
+    Ok(Costs {
+        measured,
+        base_ms: 0.0,
+        dials: vec![Dial {
+            keys: keys.map(|(key, _)| (*key).to_owned()).collect(),
+            rungs,
+        }],
+    })
+}

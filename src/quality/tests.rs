@@ -1,0 +1,123 @@
+use super::cache::Cache;
+use super::*;
+use crate::tracking::probe::{Probe, ProbeShape};
+
+fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
+    Rung {
+        values: vec![value.to_owned()],
+        extra_ms,
+        error,
+    }
+}
+
+/// Links and thinning: 0.5 ms with the usual ones.
+fn costs() -> Costs {
+    let dial = |key: &str, rungs: &[Rung]| Dial {
+        keys: vec![key.to_owned()],
+        rungs: rungs.to_vec(),
+    };
+    Costs {
+        measured: "made up".to_owned(),
+        base_ms: 0.5,
+        dials: vec![
+            dial(
+                "link",
+                &[rung("20", -0.2, 0.3), rung("10", 0.0, 0.1), rung("5", 0.8, 0.02)],
+            ),
+            dial("every", &[rung("1", 0.0, 0.0), rung("4", -0.2, 0.5)]),
+        ],
+    }
+}
+
+fn values(picked: &Picked) -> Vec<&str> {
+    picked.settings.iter().map(|setting| setting.value.as_str()).collect()
+}
+
+#[test]
+fn of_what_stays_within_the_time_the_least_wrong_is_picked() {
+    for (budget, expected, ms, met) in [
+        (2.0, ["5", "1"], 1.3, true),
+        (1.0, ["10", "1"], 0.5, true),
+        (0.4, ["20", "1"], 0.3, true),
+        (0.2, ["20", "4"], 0.1, true),
+        (0.05, ["20", "4"], 0.1, false),
+    ] {
+        let picked = pick("step_ms", &costs(), budget, |_| true).unwrap();
+        assert_eq!((values(&picked), picked.met), (expected.to_vec(), met), "{budget}");
+        assert!((picked.expected_ms - ms).abs() < 1e-12, "{budget}: {picked:?}");
+        assert_eq!(pick("step_ms", &costs(), budget, |_| true).unwrap(), picked);
+    }
+}
+
+#[test]
+fn what_is_stated_is_not_touched_and_what_cannot_be_met_is_said_with_its_figure() {
+    let picked = pick("step_ms", &costs(), 0.4, |key| key != "link").unwrap();
+    assert_eq!(values(&picked), ["4"], "thinner candidates must do alone");
+    assert_eq!((picked.value("every"), picked.value("link")), (Some("4"), None));
+    assert_eq!(pick("step_ms", &costs(), 0.4, |_| false), None);
+    let missed = pick("step_ms", &costs(), 0.05, |_| true).unwrap();
+    assert!(
+        missed
+            .why
+            .contains("nothing stays within 0.05 ms: this is the cheapest, 0.10 ms"),
+        "{}",
+        missed.why
+    );
+    let met = pick("step_ms", &costs(), 1.0, |_| true).unwrap();
+    assert_eq!(
+        met.why,
+        "link = 10, every = 1: 0.50 of 1 ms; the next better, link = 5, every = 1, takes 1.30 ms (made up)"
+    );
+}
+
+#[test]
+fn grids_are_measured_until_one_takes_too_long() {
+    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 50.0).unwrap();
+    let grids = grid::candidates(&probe, [true, true], [512, 512]);
+    assert_eq!(
+        grids,
+        [[64, 128], [128, 256], [256, 512], [512, 1024]],
+        "two samples a pixel suffice"
+    );
+    let mut tried = 0;
+    let ms = |[lines, samples]: [u32; 2]| f64::from(lines * samples) / 8192.0;
+    let costs = grid::measure(&grids, [true, true], 5.0, "made up".to_owned(), |grid| {
+        tried += 1;
+        Ok::<_, ()>(ms(grid))
+    });
+    // 1, 4, 16 ms: the third ends it.
+    assert_eq!(tried, 3);
+    let picked = pick("frame_ms", &costs.unwrap(), 5.0, |_| true).unwrap();
+    assert_eq!(
+        (picked.value("probe.lines"), picked.value("probe.samples")),
+        (Some("128"), Some("256"))
+    );
+    // What is stated stays, and only what is open has a key.
+    let stated = grid::candidates(&probe, [false, true], [64, 64]);
+    assert_eq!(stated, [[256, 128]], "the coarsest grid is always there");
+    let costs = grid::measure(&stated, [false, true], 5.0, String::new(), |grid| Ok::<_, ()>(ms(grid)));
+    assert_eq!(costs.unwrap().dials[0].keys, ["probe.samples"]);
+}
+
+#[test]
+fn budgets_have_a_range() {
+    let of = |frame_ms, step_ms| QualitySpec { frame_ms, step_ms }.out_of_range();
+    assert_eq!(of(Some(16.0), Some(1.0)), None);
+    assert_eq!(of(None, Some(0.0)), Some(("step_ms", 0.0)));
+    assert_eq!(of(Some(1e5), None), Some(("frame_ms", 1e5)));
+    assert!(of(Some(f64::NAN), None).is_some());
+}
+
+#[test]
+fn costs_are_kept_by_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = Cache::at(&folder.path().join("deeper"));
+    assert_eq!(cache.get::<Costs>(&["steps"]), None);
+    cache.put(&["steps"], &costs()).unwrap();
+    assert_eq!(cache.get(&["steps"]), Some(costs()));
+    assert_eq!(cache.get::<Costs>(&["step", "s"]), None);
+    for file in std::fs::read_dir(folder.path().join("deeper")).unwrap() {
+        std::fs::write(file.unwrap().path(), "{").unwrap();
+    }
+    assert_eq!(cache.get::<Costs>(&["steps"]), None, "what is broken is measured again");
+}

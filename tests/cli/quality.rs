@@ -1,0 +1,98 @@
+//! What is picked where a scene says how long a frame or a step may take.
+
+use crate::support::{Bench, Run, SCENE};
+
+/// The scene with a time for frames, its grid left open.
+fn open(frame_ms: f64) -> String {
+    let quality = format!("seed = 3\nquality = {{ frame_ms = {frame_ms} }}\n");
+    let text = SCENE.replace("lines = 32\nsamples = 64\n", "");
+    text.replace("seed = 3\n", &quality)
+}
+
+fn plan(bench: &Bench, more: &str) -> Run {
+    bench.run(&format!("plan open.toml --backend cpu --json{more}"))
+}
+
+#[test]
+fn the_grid_is_picked_told_and_part_of_the_plan() {
+    let bench = Bench::new();
+    // Any machine does it in ten seconds: the finest that 48 pixels across show.
+    bench.write("open.toml", &open(10_000.0));
+    let first = plan(&bench, "");
+    let quality = first.json()["quality"].clone();
+    assert_eq!(
+        (&quality["asked"], &quality["met"]),
+        (&"frame_ms".into(), &true.into()),
+        "{quality}"
+    );
+    let values: Vec<&str> = quality["settings"]
+        .as_array()
+        .expect("settings")
+        .iter()
+        .filter_map(|it| it["value"].as_str())
+        .collect();
+    assert_eq!(values, ["64", "128"]);
+    assert!(first.json()["bytes"] != bench.run("plan scene.toml --json").json()["bytes"]);
+    // The second time nothing is measured, so the figure is the same to the bit; asked for, it is measured again.
+    assert_eq!(plan(&bench, "").json()["quality"], quality);
+    assert_eq!(bench.files("cache").len(), 1);
+    plan(&bench, " --recalibrate").json();
+    let text = bench.run("plan open.toml --backend cpu");
+    assert!(
+        text.text().contains("Picked for frame_ms = 10000") && text.text().contains("probe.lines"),
+        "{text:?}"
+    );
+    let render = bench.run("render open.toml --backend cpu -o frame.png --json");
+    assert_eq!(render.json()["quality"], quality);
+    assert!(
+        render.stderr.contains("quality: probe.lines = 64, probe.samples = 128"),
+        "{render:?}"
+    );
+}
+
+#[test]
+fn what_cannot_be_met_is_said_with_its_figure_even_when_quiet() {
+    let bench = Bench::new();
+    // No frame takes as little as that, however small.
+    bench.write("open.toml", &open(0.01));
+    let run = bench.run("render open.toml --backend cpu -o frame.png --json --quiet");
+    assert_eq!(run.json()["quality"]["met"], false);
+    assert!(
+        run.stderr
+            .contains("nothing stays within 0.01 ms: this is the cheapest"),
+        "{run:?}"
+    );
+}
+
+#[test]
+fn what_is_stated_stays_and_wrong_times_are_errors_at_their_line() {
+    let bench = Bench::new();
+    bench.write(
+        "open.toml",
+        &SCENE.replace("seed = 3\n", "seed = 3\nquality = { frame_ms = 5 }\n"),
+    );
+    let run = plan(&bench, "");
+    assert!(
+        run.json()["quality"].is_null() && run.stderr.contains("nothing to pick"),
+        "{run:?}"
+    );
+    for (wrong, words) in [
+        ("{ frame_ms = 0 }", ["line 4", "0.01 to 10000 ms"]),
+        ("{ step_ms = nan }", ["line 4", "NaN"]),
+        ("{ frames_ms = 3 }", ["line 4", "frame_ms"]),
+        ("\"fast\"", ["line 4", "expected"]),
+    ] {
+        bench.write(
+            "open.toml",
+            &SCENE.replace("seed = 3\n", &format!("seed = 3\nquality = {wrong}\n")),
+        );
+        bench.run("plan open.toml").fails(2, &words);
+    }
+    bench.write(
+        "case.toml",
+        "version = 1\nscene = \"spine-linear\"\nquality = { step_ms = 1e9 }\n[needle]\n",
+    );
+    bench
+        .run("insert case.toml -o out")
+        .fails(2, &["case.toml", "line 3", "0.01 to 10000 ms"]);
+}
