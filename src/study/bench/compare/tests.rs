@@ -1,5 +1,6 @@
 use super::*;
 use crate::study::testing::scene;
+use crate::study::tradeoff::Table;
 
 fn options() -> CompareOptions {
     CompareOptions {
