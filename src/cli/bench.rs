@@ -118,7 +118,7 @@ impl Bench {
         }
         let scene = match self.input.is_default() {
             true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
-            false => self.input.scene(self.json)?,
+            false => self.input.scene(&self.backend, self.json)?.0,
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;

@@ -30,7 +30,7 @@ pub mod tissue;
 
 use serde::{Deserialize, Serialize};
 
-pub use advice::{Advice, FORCE_N, Goal, SHIFT_MM, Way};
+pub use advice::{Advice, FORCE_N, GREY_LEVELS, Goal, SHIFT_MM, Way};
 pub use render::RenderError;
 
 use super::machine::Machine;

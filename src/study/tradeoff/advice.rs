@@ -13,6 +13,9 @@ pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 row
 /// Forces that are of no matter to a hand, N, and why.
 pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N");
 
+/// Differences that are of no matter to the eye, grey levels, and why.
+pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
+
 /// What a user wants of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {

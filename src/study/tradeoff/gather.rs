@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
-use super::{Study, beam, history, insertion, remesh, tissue};
+use super::{Study, beam, history, image, insertion, remesh, tissue};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::machine::{self, Machine};
 use crate::study::stability::Effort;
@@ -33,6 +33,7 @@ pub struct Entry {
 
 /// All that take part, in the order in which they are shown.
 pub const STUDIES: &[Entry] = &[
+    image::ENTRY,
     remesh::ENTRY,
     insertion::ENTRY,
     tissue::ENTRY,

@@ -25,12 +25,14 @@ mod tests;
 
 use std::time::Duration;
 
+use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::scene::SceneError;
 use crate::study::machine::Machine;
+use crate::study::stability::Effort;
 use crate::synth::SynthError;
 
 /// What to study.
@@ -79,6 +81,22 @@ impl ImageOptions {
         }
     }
 }
+
+/// This study among all.
+pub const ENTRY: Entry = Entry {
+    name: "image",
+    title: "Images",
+    question: "How many grey levels does each way of making a frame cost, and how many milliseconds? Grid of the beam, backends, labels, \
+               sampling, texture, grain, point location.",
+    run: |means, effort, progress| {
+        let gpus = means.gpus.clone();
+        let options = match effort {
+            Effort::Quick => ImageOptions::quick(gpus),
+            Effort::Whole => ImageOptions::whole(gpus),
+        };
+        Ok(study(&options, progress)?)
+    },
+};
 
 /// Why images cannot be studied.
 #[derive(Debug, thiserror::Error)]

@@ -8,7 +8,7 @@ use crate::effects::noise::Noise;
 use crate::effects::speckle::Speckle;
 use crate::effects::tone::Tone;
 use crate::study::anatomies::{self, PLAIN};
-use crate::study::tradeoff::Axis;
+use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
 use crate::synth::tables::{ImageSize, Settings};
 use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -32,7 +32,10 @@ fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
     let title = "Solid textures, without speckle, against trilinear look-ups in double precision";
-    let mut table = Table::new("image_texture", title, &[factor("texture", "texture")], &PICTURE);
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("solid textures");
+    let mut table = Table::new("image_texture", title, &[factor("texture", "texture")], &PICTURE)
+        .against("trilinear look-ups in double precision")
+        .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
     for (name, textured) in [("trilinear", true), ("none: constant echo", false)] {
         let mut settings = own.clone();
         if !textured {
@@ -145,7 +148,10 @@ fn models(options: &ImageOptions) -> Result<Table, ImageError> {
         "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {} by {} mm",
         asked.axial_mm, asked.lateral_mm
     );
-    let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes);
+    let goal = Goal::new("median_ms", "length_error_mm", SHIFT_MM).choosing("grain");
+    let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes)
+        .against("Rayleigh statistics, and the correlation lengths asked for")
+        .seeking(goal.beside(&["p95_ms", "std_error_grey", "memory_mb"]));
     let ways = [
         ("none", Effects::default()),
         (

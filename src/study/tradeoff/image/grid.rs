@@ -4,7 +4,7 @@ use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, single, too_large, without_grain};
 use super::{BACKEND, ImageError, ImageOptions, PICTURE, Table, factor};
 use crate::gpu::Gpu;
-use crate::study::tradeoff::Axis;
+use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::synth::Backend;
 use crate::synth::tables::Settings;
 
@@ -28,7 +28,10 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     let finest = options.grids[options.grids.len() - 1];
     let title = format!("Beam grid, against {} in double precision", name(finest));
     let factors = [factor("content", "content"), BACKEND, factor("grid", "grid")];
-    let mut table = Table::new("image_grid", title, &factors, &axes);
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("grid of the beam");
+    let mut table = Table::new("image_grid", title, &factors, &axes)
+        .against(format!("{} in double precision", name(finest)))
+        .seeking(goal.each(&["content"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     for (content, keep) in CONTENTS {
         let settings = |grid| keep(subject.grid(grid));
         let mut gold = subject.on(settings(finest), Backend::CpuF64)?;
@@ -90,7 +93,10 @@ pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [factor("grid", "grid"), BACKEND];
     let title = "Precisions and backends, every usual effect, against double precision on the CPU";
-    let mut table = Table::new("image_backend", title, &factors, &PICTURE);
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("backend of images");
+    let mut table = Table::new("image_backend", title, &factors, &PICTURE)
+        .against("double precision on the CPU")
+        .seeking(goal.each(&["grid"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     for grid in [[128, 256], [256, 512]].map(|grid| coarsened(options, grid)) {
         let mut standard: Option<Vec<u8>> = None;
         for (backend, device) in all(options) {

@@ -7,7 +7,7 @@ use crate::effects::Effects;
 use crate::effects::slice::Boundary;
 use crate::effects::tone::Tone;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::tradeoff::Axis;
+use crate::study::tradeoff::{Axis, Goal, SHIFT_MM};
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -111,7 +111,12 @@ pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>,
         "Labels at boundaries: millimetres against their closed form, grey levels against voxels of {FINEST_MM} mm, voted"
     );
     let factors = [factor("boundary", "label"), factor("voxel", "voxel")];
-    let mut table = Table::new("image_labels", title, &factors, &axes);
+    let goal = Goal::new("median_ms", "boundary_mm", SHIFT_MM).choosing("labels at boundaries");
+    let mut table = Table::new("image_labels", title, &factors, &axes)
+        .against(format!(
+            "boundaries of a closed form (mm); voxels of {FINEST_MM} mm, voted (grey levels)"
+        ))
+        .seeking(goal.beside(&["p95_ms", "rms_grey", "memory_mb"]));
     let mut finest = Synthesizer::new(anatomy(FINEST_MM), settings(Boundary::Vote, grid), Backend::CpuF64)?;
     let standard = finest.render(&state)?.pixels.clone();
     let inside = inside(&finest);

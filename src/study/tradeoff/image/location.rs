@@ -6,7 +6,7 @@ use super::{ImageError, ImageOptions, Table, factor};
 use crate::mechanics::mesh::locator::Locator;
 use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
 use crate::study::spread::Spread;
-use crate::study::tradeoff::Axis;
+use crate::study::tradeoff::{Axis, Goal, SHIFT_MM};
 
 const BOX_MM: [[f64; 3]; 2] = [[-60.0, 0.0, -40.0], [60.0, 100.0, 40.0]];
 const FRAMES: usize = 8;
@@ -116,7 +116,10 @@ pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     ];
     let factors = [factor("method", "method"), factor("mesh", "mesh")];
     let title = "Point location in a deforming mesh, double precision, one thread, against trying every element";
-    let mut table = Table::new("image_location", title, &factors, &axes);
+    let goal = Goal::new("point_ns", "off_mm", SHIFT_MM).choosing("point location in the mesh");
+    let mut table = Table::new("image_location", title, &factors, &axes)
+        .against("every element tried")
+        .seeking(goal.each(&["mesh"]).beside(&["p95_ns", "differing"]));
     for &count in &options.nodes {
         let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
         let mut locator = Locator::<f64>::new(&mesh);

@@ -4,6 +4,7 @@ use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
 use super::{ImageError, ImageOptions, PICTURE, Table, factor};
 use crate::effects::Effects;
+use crate::study::tradeoff::{GREY_LEVELS, Goal};
 use crate::synth::Backend;
 use crate::synth::tables::Settings;
 
@@ -60,7 +61,10 @@ pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     let factors = [factor("effect", "effect"), factor("grid", "grid")];
     let title =
         "Sampling of shadow (samples) and blur (scanlines), each by itself, against the finest in double precision";
-    let mut table = Table::new("image_sampling", title, &factors, &PICTURE);
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("sampling of one effect");
+    let mut table = Table::new("image_sampling", title, &factors, &PICTURE)
+        .against("the finest grid of each, in double precision")
+        .seeking(goal.each(&["effect"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
     for way in WAYS {
         let settings = |grid| -> Settings {
             let own = subject.grid(grid);
