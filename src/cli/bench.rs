@@ -46,7 +46,7 @@ pub struct Bench {
     /// Frames of each measurement
     #[arg(long, value_name = "N", default_value = "100", value_parser = super::render::frame_count)]
     frames: usize,
-    /// Seconds after which a measurement ends early; a tenth of it with --compare
+    /// Seconds after which a measurement ends early; a twentieth of it with --compare
     #[arg(long, value_name = "S", default_value_t = 4.0, value_parser = seconds)]
     patience_s: f64,
     /// Print JSON
@@ -124,7 +124,7 @@ impl Bench {
         scene.state(0, scene.frames().max(1), &mut state)?;
         let (gpus, missing) = self.backend.gpus()?;
         let options = CompareOptions {
-            patience: Duration::from_secs_f64(self.patience_s / 10.0),
+            patience: Duration::from_secs_f64(self.patience_s / 20.0),
             ..CompareOptions::usual(gpus)
         };
         let subject = Subject {

@@ -77,11 +77,15 @@ impl CompareOptions {
     pub fn usual(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
-            effects_grid: [256, 512],
-            patience: Duration::from_millis(400),
-            most_ms: 600.0,
-            nodes: vec![200, 500, 1000],
-            updates: 24,
+            // Software takes ten times as long as the CPU, over dozens of frames.
+            effects_grid: match gpus.iter().any(|gpu| gpu.report().software) {
+                true => [128, 256],
+                false => [256, 512],
+            },
+            patience: Duration::from_millis(200),
+            most_ms: 300.0,
+            nodes: vec![200, 500],
+            updates: 12,
             gpus,
         }
     }
@@ -158,12 +162,13 @@ pub fn compare(
     }
     progress("frames and passes", 0.0);
     let passes = passes::passes(subject, options, &mut notes)?;
-    progress("where the GPU wins", 0.45);
-    let mut tables = vec![crossing::crossing(&passes)];
-    tables.insert(0, passes);
+    progress("solvers", 0.45);
+    let solvers = solvers::solvers(options)?;
+    progress("transfers", 0.6);
+    let crossing = crossing::crossing(&[&passes, &solvers]);
+    let mut tables = vec![passes, crossing];
     tables.extend(transfers::transfers(subject, options)?);
-    progress("solvers", 0.5);
-    tables.push(solvers::solvers(options)?);
+    tables.push(solvers);
     progress("effects", 0.65);
     tables.push(effects::effects(subject, options)?);
     tables.push(effects::memory(subject, options)?);

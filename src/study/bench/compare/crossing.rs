@@ -3,9 +3,9 @@
 use super::factor;
 use crate::study::tradeoff::{Axis, Row, Table};
 
-/// For each GPU and each thing in a table of passes or solvers (GPU, what, size; and a ratio last): from which size on the ratio stays
-/// above 1, or up to which it never does.
-pub fn crossing(passes: &Table) -> Table {
+/// For each GPU and each thing in some tables (GPU, what, size; and a ratio as the last value): from which size on the ratio stays above
+/// 1, or up to which it never does.
+pub fn crossing(tables: &[&Table]) -> Table {
     let factors = [
         factor("gpu", "GPU"),
         factor("what", "what"),
@@ -22,13 +22,14 @@ pub fn crossing(passes: &Table) -> Table {
     let title = "From which size on the GPU wins";
     let mut table = Table::new("compare_crossing", title, &factors, &axes);
     let mut seen: Vec<&[String]> = Vec::new();
-    for row in &passes.rows {
+    let rows = || tables.iter().flat_map(|table| &table.rows);
+    for row in rows() {
         let key = &row.choices[..2];
         if seen.contains(&key) {
             continue;
         }
         seen.push(key);
-        let own = passes.rows.iter().filter(|other| other.choices[..2] == *key);
+        let own = rows().filter(|other| other.choices[..2] == *key);
         let both: Vec<(&Row, f64)> = own
             .filter_map(|row| Some((row, row.values.last().copied()??)))
             .collect();

@@ -156,7 +156,11 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
     let title = "What each effect holds, and what is left of that once it is taken away";
     let mut table = Table::new("compare_memory", title, &factors, &axes);
     for (name, backend) in backends(options) {
-        for removal in present(subject, &settings)? {
+        // Without a curve the pass of tone shows amplitudes linearly: it is there always, and no effect's to leave.
+        let present = present(subject, &settings)?
+            .into_iter()
+            .filter(|removal| removal.effect != "tone");
+        for removal in present {
             let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
             let resources = own(&plan, removal.effect);
             let held = plan
@@ -183,15 +187,10 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
                 .map(|planned| planned.bytes)
                 .sum();
             let left = left as f64 + (idle.memory_bytes() as f64 - fresh.memory_bytes() as f64).abs();
-            // Without a tone curve its pass shows amplitudes linearly: that is no effect's, and stays.
-            let stays = |pass: &str| removal.effect == "tone" && pass == "tone";
             let passes = idle.plan().passes.iter().map(|planned| planned.pass.name);
             let names: Vec<&str> = passes.chain(idle.pipelines()).collect();
-            let left_passes = own_passes
-                .iter()
-                .filter(|pass| names.contains(pass) && !stays(pass))
-                .count();
-            let flag = (left > 0.0 && removal.effect != "tone" || left_passes > 0)
+            let left_passes = own_passes.iter().filter(|pass| names.contains(pass)).count();
+            let flag = (left > 0.0 || left_passes > 0)
                 .then(|| format!("{left} bytes and {left_passes} passes are left of what the scene does without"));
             table.push(
                 vec![name.clone(), removal.effect.to_owned()],

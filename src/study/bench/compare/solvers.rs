@@ -17,12 +17,12 @@ pub fn solvers(options: &CompareOptions) -> Result<Table, CompareError> {
         Axis::log("dofs", "dofs", "free degrees of freedom"),
         CPU_MS,
         GPU_MS,
-        RATIO,
         Axis::log(
             "device_ms",
-            "of it on the GPU",
+            "of it computing",
             "time of the update on the device (median), ms",
         ),
+        RATIO,
     ];
     let title = "Remeshing, single precision: one move with its K^c, transfers included";
     let mut table = Table::new("compare_solvers", title, &factors, &axes);
@@ -73,7 +73,7 @@ pub fn solvers(options: &CompareOptions) -> Result<Table, CompareError> {
         let (dofs, cpu) = (value(row, "dofs"), value(row, "median_ms"));
         for other in &on_gpus {
             let gpu = value(other, "median_ms");
-            let values = vec![dofs, cpu, gpu, ratio(cpu, gpu), value(other, "device_ms")];
+            let values = vec![dofs, cpu, gpu, value(other, "device_ms"), ratio(cpu, gpu)];
             table.push(names(choice(other, "backend").unwrap_or_default()), values, None);
         }
         if on_gpus.is_empty() {
