@@ -216,27 +216,29 @@ fn figures() -> Vec<Figure> {
         marked: true,
         front: false,
     };
-    vec![
-        figure(
-            "compare-ratio",
-            "How many times as fast the GPU is, by pass",
+    let ratios = passes::STAGES.into_iter().map(|stage| Figure {
+        only: vec![("stage", stage.to_owned())],
+        ..figure(
+            &format!("compare-ratio-{stage}"),
+            &format!("How many times as fast the GPU is: {stage}"),
             "compare_passes",
             "samples",
             "ratio",
             "what",
-        ),
-        Figure {
-            only: vec![("what", "frame, pixels on the CPU".to_owned())],
-            ..figure(
-                "compare-frame",
-                "A frame on the CPU",
-                "compare_passes",
-                "samples",
-                "cpu_ms",
-                "what",
-            )
-        },
-    ]
+        )
+    });
+    let on_cpu = Figure {
+        only: vec![("what", passes::WHOLE.to_owned())],
+        ..figure(
+            "compare-frame",
+            "A frame on the CPU",
+            "compare_passes",
+            "samples",
+            "cpu_ms",
+            "what",
+        )
+    };
+    ratios.chain([on_cpu]).collect()
 }
 
 /// How a backend renders a scene at one size: the first frame, timed, says how many more there is patience for.

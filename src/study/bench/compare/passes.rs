@@ -4,6 +4,20 @@ use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject,
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::{Backend, Synthesizer};
 
+/// The stages of a frame, for plots of a few passes each.
+pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"];
+
+/// The stage that a pass belongs to.
+fn stage(what: &str) -> &'static str {
+    match what {
+        WHOLE | LEFT => STAGES[0],
+        "geometry" | "warp" | "slice" | "texture" | "thickness" => STAGES[1],
+        "interface" | "needle" | "shadow_loss" | "shadow" | "blur" => STAGES[3],
+        pass if pass.starts_with("speckle") => STAGES[2],
+        _ => STAGES[4],
+    }
+}
+
 /// What one backend took at one size: names and median times, ms.
 type Times = Vec<(String, f64)>;
 
@@ -82,7 +96,12 @@ fn all_sizes(
 
 /// Rows of all sizes: each GPU beside the CPU; the CPU alone where there is none.
 pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, CompareError> {
-    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("grid", "grid")];
+    let factors = [
+        factor("gpu", "GPU"),
+        factor("what", "what"),
+        factor("grid", "grid"),
+        factor("stage", "stage"),
+    ];
     let axes = [
         Axis::log("samples", "samples", "samples of a frame"),
         CPU_MS,
@@ -122,7 +141,12 @@ pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<S
                 }
                 let samples = f64::from(grid[0]) * f64::from(grid[1]);
                 table.push(
-                    vec![name.clone(), what.clone(), format!("{} x {}", grid[0], grid[1])],
+                    vec![
+                        name.clone(),
+                        what.clone(),
+                        format!("{} x {}", grid[0], grid[1]),
+                        stage(&what).to_owned(),
+                    ],
                     vec![Some(samples), cpu_ms, gpu_ms, ratio(cpu_ms, gpu_ms)],
                     None,
                 );
