@@ -36,6 +36,8 @@ pub(super) struct Work {
     pub columns: Grown,
     /// V^T of a few columns.
     pub across: Grown,
+    /// D V^T of them.
+    pub turned: Grown,
     /// The next C while it is computed anew.
     pub next: Grown,
     pub lu: Lu,
@@ -63,6 +65,7 @@ impl Work {
             vd,
             columns,
             across,
+            turned,
             h,
             d,
             w,
@@ -72,7 +75,7 @@ impl Work {
             at: _,
             left: _,
         } = self;
-        let matrices = [g_sp, v, vd, columns, across, h, d, w, dw, next];
+        let matrices = [g_sp, v, vd, columns, across, turned, h, d, w, dw, next];
         matrices.iter().map(|matrix| matrix.bytes()).sum::<usize>() + lu.bytes()
     }
 }
@@ -123,8 +126,6 @@ impl Exact {
         for (column, &at) in work.at.iter().enumerate() {
             x[(at, column)] -= 1.0;
         }
-        let mut vd = work.vd.shape(len, rank);
-        product(vd.rb_mut(), Accum::Replace, x.rb(), d, 1.0);
         work.left = true;
         if !self.options.tended {
             self.complete();
@@ -135,8 +136,11 @@ impl Exact {
     /// Adds what is left of the last update to C.
     pub(super) fn complete(&mut self) {
         if std::mem::take(&mut self.work.left) {
-            let Work { v, vd, .. } = &self.work;
-            symmetric_product(self.held.c.get_mut(), vd.get(), v.get().transpose(), 1.0);
+            let Work { v, d, vd, .. } = &mut self.work;
+            let v = v.get();
+            let mut vd = vd.shape(v.nrows(), v.ncols());
+            product(vd.rb_mut(), Accum::Replace, v, d.get(), 1.0);
+            symmetric_product(self.held.c.get_mut(), vd.rb(), v.transpose(), 1.0);
         }
     }
 }
@@ -144,11 +148,15 @@ impl Exact {
 impl Work {
     /// `out += alpha V D V^T y` where that is not yet in C.
     pub fn add_left(&mut self, y: MatRef<'_, f64>, out: MatMut<'_, f64>, alpha: f64) {
-        let Work { v, vd, across, .. } = self;
         if self.left {
+            let Work {
+                v, d, across, turned, ..
+            } = self;
             let mut across = across.shape(v.get().ncols(), y.ncols());
             product(across.rb_mut(), Accum::Replace, v.get().transpose(), y, 1.0);
-            product(out, Accum::Add, vd.get(), across.rb(), alpha);
+            let mut turned = turned.shape(across.nrows(), y.ncols());
+            product(turned.rb_mut(), Accum::Replace, d.get(), across.rb(), 1.0);
+            product(out, Accum::Add, v.get(), turned.rb(), alpha);
         }
     }
 }
