@@ -43,7 +43,7 @@ impl Finite {
         if self.hold_at_bone() {
             self.settle(base);
         }
-        if self.release() {
+        if self.release(advance) {
             self.settle(base);
         }
         if self.advance(advance) {

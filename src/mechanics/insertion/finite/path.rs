@@ -12,17 +12,16 @@ use crate::mechanics::tissue::remesh::corner::best_corner;
 
 /// A node comes off when it is this far beyond the tip, mm: one that has just been made there must not for rounding.
 const BEYOND_MM: f64 = 0.05;
+/// The same while the needle goes in: a node that has just been made lies as the new mesh has it, which may be a little ahead of the tip
+/// that comes after it.
+const LOST_MM: f64 = 0.5;
 
 impl Finite {
-    /// Takes off the nodes that the tip has come back past. Whether there were any.
-    pub(super) fn release(&mut self) -> bool {
-        let length = self.line.length_mm();
+    /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). Whether there were any.
+    pub(super) fn release(&mut self, advance: f64) -> bool {
+        let length = self.line.length_mm() + if advance > 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = false;
-        while self
-            .contacts
-            .last()
-            .is_some_and(|contact| contact.arc > length + BEYOND_MM)
-        {
+        while self.contacts.last().is_some_and(|contact| contact.arc > length) {
             let Some(contact) = self.contacts.pop() else { break };
             // The needle still lies under its force, which fades as a solution without it is found.
             let force = self.forces.remove(self.contacts.len());
@@ -61,8 +60,8 @@ impl Finite {
         }
     }
 
-    /// Follows the tip through the tissue, the base having gone on by `advance` (mm). Whether a node was moved to it: none is while
-    /// the needle comes back, as it would come off again.
+    /// Follows the tip through the tissue, the base having gone on by `advance` (mm). Whether a node was moved to it: none is unless
+    /// the needle goes in, as it would come off again.
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.break_surface();
         let tip = self.line.tip();
@@ -94,7 +93,7 @@ impl Finite {
             return false;
         }
         self.tip.found = Some(place);
-        advance >= 0.0 && self.wants_node(&place) && self.remesh(&place, region)
+        advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
     /// The path in front of the last node grows, or shrinks.
