@@ -2,7 +2,7 @@
 
 use insonify::mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, Tissue};
 
-use super::support::{USUAL, build, events, kinds, on_path, resistance, setup, travel};
+use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};
 
 /// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out only the
 /// friction, the other way (haptic simulator paper, figures 4 and 13b).
@@ -177,4 +177,23 @@ fn saved_states_go_on_bit_for_bit() {
     let before = small.save();
     assert!(small.restore(&saved).is_err());
     assert_eq!(small.save(), before);
+}
+
+/// A stiff skin is pushed in far and springs back when it breaks, and lets go of nodes near the tip. Each node is made once on the way
+/// in, and comes off once on the way out.
+#[test]
+fn nodes_are_made_once_and_come_off_once() {
+    let mut finite = build(on_table(block([60.0, 60.0, 80.0], 5.0), USUAL));
+    let (mut most, mut remeshes, mut step) = (0, 0, 0.0f64);
+    while step < 2.0 * 42.0 {
+        step += 0.05;
+        let z = -2.0 + step.min(84.0 - step);
+        let outcome = finite.step(&tip_at([31.3, 20.9, z]), 1e-3).expect("a step");
+        most = most.max(outcome.contacts);
+        remeshes += outcome.remeshes;
+    }
+    assert_eq!(finite.outcome().contacts, 0);
+    assert!(most >= 5, "{most} nodes");
+    // The skin may let the first one go.
+    assert!(remeshes <= 2 * (most + 1), "{remeshes} remeshes for {most} nodes");
 }
