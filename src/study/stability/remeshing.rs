@@ -1,6 +1,7 @@
 //! Remeshing and constraints.
 
 mod counts;
+mod devices;
 mod moves;
 mod precision;
 mod refusals;
@@ -36,6 +37,13 @@ pub const GROUP: Group = Group {
             covers: &["cpu f64", "cpu f32"],
             seed: 23,
             run: counts::lower,
+        },
+        Case {
+            name: "levels on every GPU",
+            criterion: "10 moves: K^c within condition x f32 epsilon of the same level in f64; 1,000 moves: never NaN",
+            covers: &["every GPU, f32"],
+            seed: 32,
+            run: devices::all,
         },
         Case {
             name: "out and back",

@@ -1,7 +1,7 @@
 //! What to take of a table: the cheapest way that stays within an error that a user would notice.
 //!
 //! Nothing here knows what a study compares. Rows that differ only in conditions are one way: it counts with the worst of its
-//! costs and errors, and only where it was measured under all conditions that its rivals were.
+//! costs and errors (of ways that cost the same the one that errs least is taken), and only where it was measured under all conditions that its rivals were.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,9 @@ pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N
 
 /// Differences that are of no matter to the eye, grey levels, and why.
 pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
+
+/// Costs that differ by no more than this factor count as the same.
+const SAME: f64 = 1.05;
 
 /// What a user wants of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,9 +144,18 @@ impl Table {
         let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
         let fits = |way: &&Way| way.error <= goal.within;
-        let order = |a: &&Way, b: &&Way| a.cost.total_cmp(&b.cost).then(a.error.total_cmp(&b.error));
-        let take = ways.iter().filter(fits).min_by(order);
-        let cheaper = ways.iter().filter(|way| take.is_some_and(|take| way.cost < take.cost));
+        let order = |a: &&Way, b: &&Way| a.error.total_cmp(&b.error).then(a.cost.total_cmp(&b.cost));
+        let least = ways
+            .iter()
+            .filter(fits)
+            .map(|way| way.cost)
+            .fold(f64::INFINITY, f64::min);
+        // What costs the same is told apart by its error, not by the noise of the clock.
+        let alike = |way: &&Way| way.cost <= SAME * least;
+        let take = ways.iter().filter(fits).filter(alike).min_by(order);
+        let cheaper = ways
+            .iter()
+            .filter(|way| take.is_some_and(|take| way.cost < take.cost) && way.error > goal.within);
         let nearest = |ways: &mut dyn Iterator<Item = &Way>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
         let mut words = match take {
             Some(take) if take.gold => format!(

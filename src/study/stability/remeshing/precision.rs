@@ -1,12 +1,13 @@
 //! f32 against f64.
 
+use faer::MatRef;
+
 use super::setup::{BACKENDS, Now, Start};
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, RemeshError};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
 /// The largest difference of two K^c over the largest entry of the second.
-fn difference(found: &Adaptation, expected: &Adaptation) -> f64 {
-    let (found, expected) = (found.remesher().condensed(), expected.remesher().condensed());
+pub fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
     let worst = largest(pairs.clone().map(|at| found[at] - expected[at]));
     worst / largest(pairs.map(|at| expected[at]))
@@ -38,7 +39,7 @@ pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let limit = Now::of(reference.mesh())?.condition * f64::from(f32::EPSILON);
                 record.under(
                     format!("difference of K^c, {what}"),
-                    difference(&single, &reference),
+                    difference(single.remesher().condensed(), reference.remesher().condensed()),
                     limit,
                 );
                 if matches!(level, Level::I | Level::Exact) {

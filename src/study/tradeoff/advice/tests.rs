@@ -78,6 +78,18 @@ fn what_is_flagged_or_not_measured_under_all_conditions_is_no_choice() {
 }
 
 #[test]
+fn of_ways_that_cost_the_same_the_one_that_errs_least_is_taken() {
+    let close = table(&[
+        ("10", "fast", [[1.0, 0.09], [1.0, 0.09]]),
+        ("10", "as fast", [[1.04, 0.01], [1.04, 0.01]]),
+        ("10", "slower", [[1.06, 0.001], [1.06, 0.001]]),
+    ]);
+    let advice = &close.advice()[0];
+    assert_eq!(advice.take.as_ref().map(|way| way.name.as_str()), Some("as fast"));
+    assert!(!advice.words.contains("Cheaper"), "{}", advice.words);
+}
+
+#[test]
 fn what_nothing_reaches_is_said_with_the_nearest() {
     let far = table(&[
         ("10", "far", [[1.0, 3.0], [1.0, 2.0]]),

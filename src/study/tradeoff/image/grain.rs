@@ -8,7 +8,7 @@ use crate::effects::noise::Noise;
 use crate::effects::speckle::Speckle;
 use crate::effects::tone::Tone;
 use crate::study::anatomies::{self, PLAIN};
-use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
+use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::synth::tables::{ImageSize, Settings};
 use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -19,6 +19,9 @@ const SPECKLE_DB: f64 = 5.57;
 /// Side of a pixel of the uniform field, mm.
 const PIXEL_MM: f64 = 0.1;
 const SIDE: usize = 400;
+
+/// Errors of the correlation lengths that are of no matter, mm, and why.
+const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
 pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
     Ok(vec![textures(options)?, models(options)?])
@@ -148,7 +151,7 @@ fn models(options: &ImageOptions) -> Result<Table, ImageError> {
         "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {} by {} mm",
         asked.axial_mm, asked.lateral_mm
     );
-    let goal = Goal::new("median_ms", "length_error_mm", SHIFT_MM).choosing("grain");
+    let goal = Goal::new("median_ms", "length_error_mm", HALF_A_CELL).choosing("grain");
     let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes)
         .against("Rayleigh statistics, and the correlation lengths asked for")
         .seeking(goal.beside(&["p95_ms", "std_error_grey", "memory_mb"]));

@@ -9,7 +9,7 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, FORCE_N, Factor, Figure, Goal, Table};
+use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// The first is what the others are compared with.
 const LEVELS: [(Level, &str); 4] = [
@@ -80,10 +80,10 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     )
     .against("level I in f64, which keeps the whole inverse")
     .seeking(
-        Goal::new("remesh_median_ms", "force_after_n", FORCE_N)
+        Goal::new("remesh_median_ms", "tip_after_mm", SHIFT_MM)
             .over(&["probe"])
             .choosing("level of remeshing along an insertion")
-            .beside(&["median_ms", "max_ms", "tip_after_mm"]),
+            .beside(&["median_ms", "max_ms", "force_after_n"]),
     );
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
     let mut findings = Findings::default();
