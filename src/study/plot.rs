@@ -261,15 +261,15 @@ impl Plot {
             Layout::Page => root.split_vertically(PAGE[1]),
         };
         let mut builder = ChartBuilder::on(&axes);
-        let labels = match layout {
+        let (labels, lettering) = match layout {
             Layout::Alone => {
                 let builder = builder.caption(&self.title, ("sans-serif", 22)).margin(16);
                 builder.x_label_area_size(52).y_label_area_size(78);
-                [11, 11]
+                ([11, 11], [17, 14])
             }
             Layout::Page => {
                 builder.margin(8).x_label_area_size(48).y_label_area_size(70);
-                [5, 7]
+                ([5, 7], [13, 13])
             }
         };
         let mut chart = builder.build_cartesian_2d(x, y)?;
@@ -284,8 +284,8 @@ impl Plot {
             .y_desc(&self.y.label)
             .x_label_formatter(&|value| number(*value))
             .y_label_formatter(&|value| number(*value))
-            .axis_desc_style(("sans-serif", 17))
-            .label_style(("sans-serif", 14))
+            .axis_desc_style(("sans-serif", lettering[0]))
+            .label_style(("sans-serif", lettering[1]))
             .draw()?;
         let mut steps: Vec<(f64, f64)> = Vec::new();
         for point in &self.front {
