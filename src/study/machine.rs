@@ -41,7 +41,7 @@ pub fn today() -> String {
 /// The date so many days after 1970-01-01, in the Gregorian calendar.
 fn date(days: u64) -> String {
     const YEARS_400: u64 = 146_097;
-    let leap = |year: u64| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let (mut year, mut left) = (1970 + 400 * (days / YEARS_400), days % YEARS_400);
     while left >= 365 + u64::from(leap(year)) {
         left -= 365 + u64::from(leap(year));
