@@ -31,6 +31,7 @@ pub mod element;
 pub mod factor;
 pub mod frames;
 pub mod inverse;
+pub mod knee;
 pub mod material;
 pub mod nonlinear;
 pub mod problem;

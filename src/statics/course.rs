@@ -179,30 +179,37 @@ impl HistorySpec {
 
 impl SolverSpec {
     pub(super) fn options(&self) -> Options {
-        let scheme = match self.scheme {
-            SchemeName::Euler => Scheme::Euler {
-                slope: Slope::Scalar,
-                corrected: false,
-            },
-            SchemeName::ModifiedNewton => Scheme::MODIFIED,
-            SchemeName::Newton => Scheme::Newton,
-        };
         Options {
-            scheme,
+            scheme: self.scheme.into(),
             tolerance: self.tolerance,
             iterations: self.iterations as usize,
         }
     }
 }
 
-impl ViscositySpec {
-    pub(super) fn memory(&self) -> Memory {
-        match self.law {
+impl From<SchemeName> for Scheme {
+    fn from(name: SchemeName) -> Scheme {
+        match name {
+            SchemeName::Euler => Scheme::Euler {
+                slope: Slope::Scalar,
+                corrected: false,
+            },
+            SchemeName::ModifiedNewton => Scheme::MODIFIED,
+            SchemeName::Newton => Scheme::Newton,
+        }
+    }
+}
+
+impl From<LawName> for Memory {
+    fn from(name: LawName) -> Memory {
+        match name {
             LawName::LoadIntegral => Memory::LoadIntegral,
             LawName::Rate => Memory::Rate,
         }
     }
+}
 
+impl ViscositySpec {
     /// The rule, for steps of these moments.
     pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {

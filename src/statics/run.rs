@@ -10,7 +10,7 @@ use super::course::{Model, Moment};
 use super::error::{StaticsError, Wrong};
 use super::file::ProblemFile;
 use super::resolve::Problem;
-use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError};
+use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
 use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Stiffening, Structure, Supports};
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
@@ -86,7 +86,7 @@ impl Problem {
         let mut runner = match self.file.model {
             Model::Viscoelastic => {
                 let viscosity = self.file.viscoelastic.unwrap_or_default();
-                let (memory, rule) = (viscosity.memory(), viscosity.rule(&moments));
+                let (memory, rule) = (Memory::from(viscosity.law), viscosity.rule(&moments));
                 let creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
                 let runner = Structure::Viscous(Box::new(creep));
                 self.note(&mut history, &runner, 0.0, &loads, &Progress::default());
@@ -257,7 +257,7 @@ impl ProblemFile {
                     return Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"));
                 }
                 (Some(knee), Some(rate)) => {
-                    Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(error.key()), error))?
+                    Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(error.key), error))?
                 }
                 (Some(_), None) => {
                     return Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"));

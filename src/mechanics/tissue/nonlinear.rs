@@ -30,9 +30,10 @@ mod structure;
 mod supports;
 mod tangent;
 
+pub use super::knee::{InvalidStiffening, Knee};
 pub use body::{Body, InvalidBody, Sheet, Solid};
 pub use error::NonlinearError;
-pub use law::{InvalidStiffening, RELATIVE_IN_SHEAR, Stiffening, relative_strain};
+pub use law::{RELATIVE_IN_SHEAR, Stiffening, relative_strain};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
 pub use structure::Structure;
 pub use supports::Supports;

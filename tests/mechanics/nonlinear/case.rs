@@ -142,3 +142,20 @@ pub fn largest(all: &[f64]) -> f64 {
 pub fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
 }
+
+/// A block held from below whose top is moved by `near` mm where x is small and by `far` elsewhere.
+pub fn pressed(body: &Solid, top: f64, [near, far]: [f64; 2]) -> Held {
+    let below = at(body, 2, 0.0).into_iter();
+    let mut driven: Held = below
+        .flat_map(|node| (0..3).map(move |axis| (node, axis, 0.0)))
+        .collect();
+    driven.extend(at(body, 2, top).into_iter().map(|node| {
+        let by = if body.nodes()[node as usize][0] < 4.1 {
+            near
+        } else {
+            far
+        };
+        (node, 2, by)
+    }));
+    driven
+}

@@ -3,7 +3,7 @@
 use insonify::mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Supports};
 use std::sync::Arc;
 
-use super::case::{Held, at, block, difference, held, largest, law, options, pulled, target};
+use super::case::{block, difference, held, largest, law, options, pressed, pulled, target};
 
 /// At most 30 iterations an increment is the criterion of the hard cases; the options of these tests allow no more.
 #[test]
@@ -34,21 +34,7 @@ fn crossing_the_knee_does_not_cycle() {
 #[test]
 fn the_way_does_not_matter() {
     let body = block([4, 4, 4], 2.0, 0.2, law(0.499));
-    let mut driven: Held = Vec::new();
-    for node in at(&body, 2, 0.0) {
-        driven.extend((0..3).map(|axis| (node, axis, 0.0)));
-    }
-    for node in at(&body, 2, 8.0) {
-        driven.push((
-            node,
-            2,
-            if body.nodes()[node as usize][0] < 4.1 {
-                -2.4
-            } else {
-                0.0
-            },
-        ));
-    }
+    let driven = pressed(&body, 8.0, [-2.4, 0.0]);
     let (mut at_once, last) = held(&body, &driven, options(Scheme::Newton));
     let loads = vec![0.0; 3 * body.nodes().len()];
     at_once.step(&target(&loads, &last)).unwrap();

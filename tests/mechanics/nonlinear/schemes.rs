@@ -2,7 +2,7 @@
 
 use insonify::mechanics::tissue::nonlinear::{Options, Scheme, Slope, Stiffening};
 
-use super::case::{Held, at, block, difference, held, law, options, pulled, target};
+use super::case::{Held, at, block, difference, held, law, options, pressed, pulled, target};
 use insonify::mechanics::tissue::material::Material;
 
 /// The number of correct digits doubles: in the last iterations before rounding the order is 2.
@@ -10,21 +10,7 @@ use insonify::mechanics::tissue::material::Material;
 fn newton_is_quadratic() {
     for poisson in [0.3, 0.45] {
         let body = block([4, 4, 4], 2.0, 0.2, law(poisson));
-        let mut driven: Held = Vec::new();
-        for node in at(&body, 2, 0.0) {
-            driven.extend((0..3).map(|axis| (node, axis, 0.0)));
-        }
-        for node in at(&body, 2, 8.0) {
-            driven.push((
-                node,
-                2,
-                if body.nodes()[node as usize][0] < 4.1 {
-                    -1.6
-                } else {
-                    0.2
-                },
-            ));
-        }
+        let driven = pressed(&body, 8.0, [-1.6, 0.2]);
         let (mut solver, prescribed) = held(&body, &driven, options(Scheme::Newton));
         let loads = vec![0.0; 3 * body.nodes().len()];
         let progress = solver.step(&target(&loads, &prescribed)).unwrap();

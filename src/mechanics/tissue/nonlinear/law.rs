@@ -1,5 +1,6 @@
 //! Isotropic tissue that stiffens above a knee of strain.
 
+use crate::mechanics::tissue::knee::{InvalidStiffening, Knee};
 use crate::mechanics::tissue::material::Material;
 
 /// Stress is the secant modulus times strain: sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the
@@ -9,35 +10,7 @@ use crate::mechanics::tissue::material::Material;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiffening {
     material: Material,
-    knee: f64,
-    rate: f64,
-}
-
-/// Why numbers make no stiffening material.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidStiffening {
-    /// The knee is negative or no number.
-    #[error("knee_strain is {found}; expected 0 or more (inf for tissue that never stiffens)")]
-    Knee {
-        /// As given.
-        found: f64,
-    },
-    /// The rate of stiffening is negative or not finite.
-    #[error("stiffening is {found}; expected a finite number, 0 or more")]
-    Rate {
-        /// As given.
-        found: f64,
-    },
-}
-
-impl InvalidStiffening {
-    /// The key of the number that is wrong.
-    pub fn key(&self) -> &'static str {
-        match self {
-            InvalidStiffening::Knee { .. } => "knee_strain",
-            InvalidStiffening::Rate { .. } => "stiffening",
-        }
-    }
+    knee: Knee,
 }
 
 /// Relative strain over the shear of simple shear: e_r = sqrt(3)/2 gamma.
@@ -50,21 +23,19 @@ impl Stiffening {
     /// # Errors
     /// [`InvalidStiffening`], with the number.
     pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, InvalidStiffening> {
-        if knee.is_nan() || knee < 0.0 {
-            return Err(InvalidStiffening::Knee { found: knee });
-        }
-        if !(rate.is_finite() && rate >= 0.0) {
-            return Err(InvalidStiffening::Rate { found: rate });
-        }
-        Ok(Stiffening { material, knee, rate })
+        let knee = Knee {
+            strain: knee,
+            stiffening: rate,
+        };
+        knee.check()?;
+        Ok(Stiffening { material, knee })
     }
 
     /// A material that never stiffens.
     pub const fn linear(material: Material) -> Stiffening {
         Stiffening {
             material,
-            knee: f64::INFINITY,
-            rate: 0.0,
+            knee: Knee::NONE,
         }
     }
 
@@ -73,27 +44,21 @@ impl Stiffening {
         &self.material
     }
 
-    /// The relative strain at which it begins to stiffen.
-    pub const fn knee(&self) -> f64 {
-        self.knee
-    }
-
-    /// How fast it stiffens: a in E0 (1 + a (e_r - e0)^2).
-    pub const fn rate(&self) -> f64 {
-        self.rate
+    /// Where it begins to stiffen, by relative strain, and how fast.
+    pub const fn knee(&self) -> &Knee {
+        &self.knee
     }
 
     /// E over E0 at a relative strain.
     #[inline]
     pub fn secant(&self, relative: f64) -> f64 {
-        let above = (relative - self.knee).max(0.0);
-        1.0 + self.rate * above * above
+        self.knee.factor(relative)
     }
 
     /// Derivative of [`Self::secant`] by the relative strain.
     #[inline]
     pub fn slope(&self, relative: f64) -> f64 {
-        2.0 * self.rate * (relative - self.knee).max(0.0)
+        self.knee.slope(relative)
     }
 
     /// The paper's tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (its equation 15): the derivative of the stress

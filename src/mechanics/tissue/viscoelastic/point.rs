@@ -13,11 +13,10 @@
 
 mod balance;
 mod body;
-mod knee;
 mod respond;
 
+pub use crate::mechanics::tissue::knee::Knee;
 pub use body::Body;
-pub use knee::Knee;
 pub use respond::{Loading, Method, Response};
 
 use super::HistoryError;
@@ -104,7 +103,12 @@ impl Point {
     /// [`PointError::Number`].
     pub fn check(&self) -> Result<(), PointError> {
         self.body.check()?;
-        self.knee.check()
+        self.knee.check().map_err(|error| PointError::Number {
+            key: error.key,
+            at: None,
+            found: error.found,
+            expected: error.expected,
+        })
     }
 }
 
