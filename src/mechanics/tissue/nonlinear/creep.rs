@@ -115,6 +115,31 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         &self.solver
     }
 
+    /// The state as numbers, and what the past left: for a body of the same kind to [take](Self::take_state). What is kept for speed
+    /// is made anew, so that this one goes on as that one will.
+    ///
+    /// # Errors
+    /// [`CreepError`] where the stiffness cannot be factored.
+    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], CreepError> {
+        let state = self.solver.put_state(self.memory == Memory::Rate)?;
+        Ok([state, self.history.remembered()])
+    }
+
+    /// Takes over a state: the same steps then have the same bits. What [`forces`](Self::forces) and
+    /// [`contact_force`](Self::contact_force) tell is that of the next step.
+    ///
+    /// # Errors
+    /// [`CreepError`] for numbers that are not of such a body.
+    pub fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), CreepError> {
+        let before = self.history.clone();
+        self.history.recall(past)?;
+        if let Err(error) = self.solver.take_state(state, self.memory == Memory::Rate) {
+            self.history = before;
+            return Err(error.into());
+        }
+        Ok(())
+    }
+
     /// Bytes that the past takes.
     pub fn bytes(&self) -> usize {
         self.history.bytes()

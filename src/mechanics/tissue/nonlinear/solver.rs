@@ -175,6 +175,44 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         Ok(&self.progress)
     }
 
+    /// The state, as numbers, for a solver of the same body to [take](Self::take_state). The factor is made anew, so that this one
+    /// goes on as that one will; `offset`: whether increments have offsets.
+    ///
+    /// # Errors
+    /// [`NonlinearError::Factor`].
+    pub(super) fn put_state(&mut self, offset: bool) -> Result<Vec<f64>, NonlinearError> {
+        self.renew(offset)?;
+        let parts = [&self.state.displacement, &self.offset, &self.applied].map(|part| &part[..]);
+        Ok([&parts.concat()[..], &[self.state.contact, self.peak]].concat())
+    }
+
+    /// Takes over a state.
+    ///
+    /// # Errors
+    /// [`NonlinearError`] for numbers that are not of such a body.
+    pub(super) fn take_state(&mut self, state: &[f64], offset: bool) -> Result<(), NonlinearError> {
+        let all = self.supports.all();
+        target::list("numbers of a state", state, 3 * all + 2)?;
+        self.state.displacement.copy_from_slice(&state[..all]);
+        self.offset.copy_from_slice(&state[all..2 * all]);
+        self.applied.copy_from_slice(&state[2 * all..3 * all]);
+        (self.state.contact, self.peak) = (state[3 * all], state[3 * all + 1]);
+        self.renew(offset)
+    }
+
+    /// Computes anew all that follows from the displacements.
+    fn renew(&mut self, offset: bool) -> Result<(), NonlinearError> {
+        let State {
+            displacement,
+            forces,
+            responses,
+            ..
+        } = &mut self.state;
+        let offset = offset.then_some(&self.offset[..]);
+        self.body.respond(displacement, offset, forces, responses);
+        self.linear.factor(&self.body, &self.state.responses, Kind::Scalar)
+    }
+
     fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {
         if target.contact.is_none() {
             self.state.contact = 0.0;

@@ -35,6 +35,29 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         }
     }
 
+    /// The state as numbers, and what a viscous body remembers. What is kept for speed is made anew, so that this body goes on as one
+    /// that [takes](Self::take_state) it will.
+    ///
+    /// # Errors
+    /// [`CreepError`] where the stiffness cannot be factored.
+    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], CreepError> {
+        match self {
+            Structure::Elastic(solver) => Ok([solver.put_state(false)?, Vec::new()]),
+            Structure::Viscous(creep) => creep.put_state(),
+        }
+    }
+
+    /// Takes over the state of another body like this: the same steps then have the same bits.
+    ///
+    /// # Errors
+    /// [`CreepError`] for numbers that are not of such a body.
+    pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), CreepError> {
+        match self {
+            Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
+            Structure::Viscous(creep) => creep.take_state(state),
+        }
+    }
+
     /// The solver, whose body and supports these are.
     pub fn solver(&self) -> &Solver<D, N> {
         match self {

@@ -248,6 +248,20 @@ impl History for Exponentials {
         Ok(())
     }
 
+    fn remembered(&self) -> Vec<f64> {
+        [&[self.time_s][..], &self.last, &self.modes].concat()
+    }
+
+    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
+        let own = self.last.len() + self.modes.len();
+        let (first, rest) = HistoryError::split_remembered(remembered, 1, |_| Some(own))?;
+        let (last, modes) = rest.split_at(self.last.len());
+        self.time_s = first[0];
+        self.last.copy_from_slice(last);
+        self.modes.copy_from_slice(modes);
+        Ok(())
+    }
+
     fn bytes(&self) -> usize {
         // Rates, weights and what a step does: six numbers an exponential.
         (6 * self.rates.len() + self.modes.len() + self.last.len()) * size_of::<f64>()

@@ -155,6 +155,27 @@ impl History for Full {
         Ok(())
     }
 
+    fn remembered(&self) -> Vec<f64> {
+        [
+            &[self.time_s, f64::from(u8::from(self.even))][..],
+            &self.values,
+            &self.steps,
+        ]
+        .concat()
+    }
+
+    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
+        // A value a component at the start, and with each step one more and its length.
+        let (own, found) = (self.components, remembered.len());
+        let steps = found.saturating_sub(2 + own) / (own + 1);
+        let (first, rest) = HistoryError::split_remembered(remembered, 2, |_| Some(own + steps * (own + 1)))?;
+        let (values, lengths) = rest.split_at(own * (steps + 1));
+        (self.time_s, self.even) = (first[0], first[1] != 0.0);
+        self.values = values.to_vec();
+        self.steps = lengths.to_vec();
+        Ok(())
+    }
+
     fn bytes(&self) -> usize {
         let lags = [&self.lags.starts, &self.lags.ends, &self.lags.inner];
         let own = [&self.values, &self.steps, &self.uneven];

@@ -32,6 +32,16 @@ pub trait History: Debug + Send + Sync {
     /// [`HistoryError`] for a slice of another length or a value that is not finite. The history is then as before.
     fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError>;
 
+    /// All that is remembered, as numbers: what comes after depends on nothing else.
+    fn remembered(&self) -> Vec<f64>;
+
+    /// Goes on from what another history of the same rule, operator and number of components remembered: the same steps then have
+    /// the same bits.
+    ///
+    /// # Errors
+    /// [`HistoryError::Remembered`] for numbers that are not of such a history. The history is then as before.
+    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError>;
+
     /// Memory that the past takes, bytes.
     fn bytes(&self) -> usize;
 
@@ -132,6 +142,12 @@ pub enum HistoryError {
         /// How many there are.
         expected: usize,
     },
+    /// Numbers that no history of this rule and size remembers.
+    #[error("{found} numbers, or numbers that are not finite; not what a history of this rule and size remembers")]
+    Remembered {
+        /// How many there are.
+        found: usize,
+    },
     /// A rule for equal steps met another.
     #[error(
         "a step of {found} s after steps of {expected} s; the rule of Gruenwald and Letnikov takes equal steps only"
@@ -171,6 +187,20 @@ impl HistoryError {
     pub(super) fn check_step(step_s: f64) -> Result<(), HistoryError> {
         let right = step_s > 0.0 && step_s.is_finite();
         right.then_some(()).ok_or(HistoryError::Step { found: step_s })
+    }
+
+    /// Splits what is remembered into its first `parts` numbers and the rest; all are finite, and the rest has `rest` of them.
+    pub(super) fn split_remembered(
+        remembered: &[f64],
+        parts: usize,
+        rest: impl FnOnce(&[f64]) -> Option<usize>,
+    ) -> Result<(&[f64], &[f64]), HistoryError> {
+        let found = remembered.len();
+        let finite = remembered.iter().all(|x| x.is_finite());
+        let split = remembered.split_at_checked(parts).filter(|_| finite);
+        split
+            .filter(|(first, others)| rest(first) == Some(others.len()))
+            .ok_or(HistoryError::Remembered { found })
     }
 
     /// Checks a number of components.

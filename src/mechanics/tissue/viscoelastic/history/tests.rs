@@ -200,3 +200,47 @@ fn exponentials_take_the_same_memory_however_long() {
     assert_eq!(history.bytes(), bytes);
     assert!(full.bytes() > 1000 * 4 * 8);
 }
+
+/// A history that recalls what another remembered goes on with the same bits; numbers that none remembers change nothing.
+#[test]
+fn what_is_remembered_is_recalled() {
+    let value = |t: f64| [(3.0 * t).sin(), 1.0 + t];
+    for rule in RULES {
+        for operator in OPERATORS.map(|operator| operator(0.3)) {
+            let steps: [f64; 12] = match rule {
+                Rule::GruenwaldLetnikov => [0.5; 12],
+                _ => std::array::from_fn(|at| 0.5 + 0.1 * (at % 3) as f64),
+            };
+            let mut history = rule.start(operator, &[0.5, -1.0]).unwrap();
+            let mut t = 0.0;
+            for step in &steps[..7] {
+                t += step;
+                history.commit(*step, &value(t)).unwrap();
+            }
+            let remembered = history.remembered();
+            let mut other = rule.start(operator, &[7.0, 8.0]).unwrap();
+            other.commit(0.5, &[1.0, 2.0]).unwrap();
+            let before = other.remembered();
+            let mut broken = remembered.clone();
+            broken.push(1.0);
+            assert!(matches!(other.recall(&broken), Err(HistoryError::Remembered { .. })));
+            broken.truncate(remembered.len());
+            broken[1] = f64::NAN;
+            assert!(matches!(other.recall(&broken), Err(HistoryError::Remembered { .. })));
+            assert_eq!(other.remembered(), before, "{rule:?} {operator:?}");
+            other.recall(&remembered).unwrap();
+            assert_eq!(other.time_s(), history.time_s());
+            for step in &steps[7..] {
+                t += step;
+                let [mut a, mut b] = [[0.0; 2]; 2];
+                let weights = [
+                    history.predict(*step, &mut a).unwrap(),
+                    other.predict(*step, &mut b).unwrap(),
+                ];
+                assert!(weights[0] == weights[1] && a == b, "{rule:?} {operator:?}: {a:?} {b:?}");
+                history.commit(*step, &value(t)).unwrap();
+                other.commit(*step, &value(t)).unwrap();
+            }
+        }
+    }
+}
