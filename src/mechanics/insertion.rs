@@ -1,10 +1,12 @@
 //! Needle insertion: instruments move, tissue yields, forces come back.
 //!
 //! A [`Model`] takes the poses of needle and probe step by step and answers with forces, and with the tissue as it is now. Behind
-//! it is a finite element model or a mass-spring model; both hand the same things to image and hand.
+//! it is a finite element model, a mass-spring model, or one of tissue that stiffens and creeps; all hand the same things to image and
+//! hand.
 
 pub mod finite;
 mod interaction;
+pub mod nonlinear;
 mod outcome;
 mod probe;
 pub mod pushing;

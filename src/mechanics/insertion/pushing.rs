@@ -11,73 +11,41 @@
 //! it, under the force of cutting, and the shaft behind drags along what it passed by friction, for each mm of tissue. Then the
 //! next membrane is reached. All is quasi-static: inertia has no part.
 //!
+//! A needle that stops or turns back is *held* by its friction: tissue along the shaft goes with it, as one, each piece under its
+//! share of the force. When that comes to friction outwards the needle slides out through the channel that it has cut; when it
+//! comes to what it was inwards, it goes on as before. In the channel there is nothing to cut. Held or not is decided at the end of
+//! a step, so that a force may go beyond its bound by what one step adds.
+//!
 //! Where the tip is in the tissue is taken from the displacements of the step before: steps should be small against the elements.
 
+mod layer;
 mod line;
+mod slide;
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
+use layer::check;
+pub use layer::{InvalidWay, Layer};
 use line::Line;
-
-/// Tissue along the needle's way, behind a membrane.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
-    /// Where it begins, in the reference state, from the entry on, mm. The first begins at 0.
-    pub from_mm: f64,
-    /// Force that its membrane bears, N (0 or more; 0: there is none).
-    pub membrane_n: f64,
-    /// Force that cuts it at the tip, N (0 or more).
-    pub cutting_n: f64,
-    /// Friction of the shaft, N for each mm of it (0 or more).
-    pub friction_n_per_mm: f64,
-}
-
-/// Why a needle's way is none.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidWay {
-    /// The line does not enter the body.
-    #[error("the entry {entry:?} lies outside the body")]
-    Outside {
-        /// The entry, mm.
-        entry: Vec<f64>,
-    },
-    /// The direction has no length, or is no number.
-    #[error("the direction {found:?} is none; expected a vector with a length")]
-    Direction {
-        /// As given.
-        found: Vec<f64>,
-    },
-    /// There are no layers, or the first does not begin at the entry.
-    #[error("the first layer begins at {found:?} mm; expected 0")]
-    First {
-        /// Where it begins, if there is one.
-        found: Option<f64>,
-    },
-    /// A layer begins before the one above, or a force is negative.
-    #[error("{what} of layer {layer} is {found}; expected {expected}")]
-    Layer {
-        /// Which, from 0.
-        layer: usize,
-        /// Which of its numbers.
-        what: &'static str,
-        /// As given.
-        found: f64,
-        /// What it must be.
-        expected: &'static str,
-    },
-}
+pub use line::{Crossing, crossings};
+pub(super) use slide::At;
 
 /// What the tip does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
-    /// It is not in touch yet, or no more.
+    /// It touches nothing: outside, or in a channel that is cut already.
+    #[default]
     Free,
     /// It pushes the membrane of this layer.
     Pushing(usize),
     /// It cuts through this layer.
     Cutting(usize),
+    /// The needle has stopped or turned back, and tissue goes with it.
+    Held,
 }
 
 /// What a step comes to.
@@ -101,12 +69,9 @@ pub struct Pushing<const D: usize, const N: usize> {
     structure: Structure<D, N>,
     line: Line<D>,
     layers: Vec<Layer>,
-    phase: Phase,
-    depth_mm: f64,
+    at: At,
     loads: Vec<f64>,
     prescribed: Vec<f64>,
-    /// The point that the tip touches; none while it is free or cuts.
-    contact: Option<Contact>,
 }
 
 impl<const D: usize, const N: usize> Pushing<D, N> {
@@ -121,19 +86,40 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         direction: [f64; D],
         layers: Vec<Layer>,
     ) -> Result<Self, InvalidWay> {
-        check(&layers)?;
-        let solver = structure.solver();
-        let (all, held) = (solver.supports().all(), solver.supports().prescribed().len());
-        Ok(Pushing {
-            line: Line::new(solver.body(), entry, direction)?,
-            layers,
-            phase: Phase::Free,
-            depth_mm: 0.0,
-            loads: vec![0.0; all],
-            prescribed: vec![0.0; held],
-            contact: None,
+        let mut needle = Pushing::away(structure);
+        needle.aim(entry, direction, layers)?;
+        Ok(needle)
+    }
+
+    /// A body that no needle comes near before it is [aimed](Self::aim).
+    pub fn away(structure: Structure<D, N>) -> Self {
+        let supports = structure.solver().supports();
+        Pushing {
+            line: Line::nowhere(),
+            layers: Vec::new(),
+            at: At::default(),
+            loads: vec![0.0; supports.all()],
+            prescribed: vec![0.0; supports.prescribed().len()],
             structure,
-        })
+        }
+    }
+
+    /// Puts the needle to another entry, as [`new`](Self::new). Tissue goes on from where it is; what was cut has healed.
+    ///
+    /// # Errors
+    /// [`InvalidWay`]; the needle is then as before.
+    pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<Layer>) -> Result<(), InvalidWay> {
+        check(&layers)?;
+        self.line = Line::new(self.body(), entry, direction)?;
+        self.layers = layers;
+        self.at = At::before();
+        Ok(())
+    }
+
+    /// Takes the needle away from all tissue, until it is aimed again.
+    pub fn withdraw(&mut self) {
+        (self.line, self.at) = (Line::nowhere(), At::default());
+        self.layers.clear();
     }
 
     /// The body.
@@ -146,6 +132,48 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         &self.structure
     }
 
+    /// Elements that the needle's way runs through.
+    pub fn elements(&self) -> &[u32] {
+        self.line.elements()
+    }
+
+    /// What the tip does.
+    pub fn phase(&self) -> Phase {
+        self.at.phase
+    }
+
+    /// How deep the tip is in the tissue, in the reference state, mm.
+    pub fn depth_mm(&self) -> f64 {
+        self.at.depth_mm
+    }
+
+    /// Whether no part of the needle is in tissue or touches it.
+    pub fn is_outside(&self) -> bool {
+        self.at.phase == Phase::Free && self.at.depth_mm == 0.0
+    }
+
+    /// Points of the shaft that are in tissue.
+    pub fn pieces(&self) -> usize {
+        self.line.pieces(self.at.depth_mm).count()
+    }
+
+    /// Whether the tip has come out on the far side.
+    pub fn is_through(&self) -> bool {
+        self.at.whole == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
+    }
+
+    /// The layer that the tip is in, not one whose membrane is whole; none outside.
+    pub fn tip_layer(&self) -> Option<usize> {
+        let at = &self.at;
+        match (at.phase, at.whole) {
+            (Phase::Cutting(layer), _) => Some(layer),
+            (Phase::Pushing(layer), _) => layer.checked_sub(1),
+            _ if self.is_outside() || self.is_through() => None,
+            (_, Phase::Pushing(layer)) if at.depth_mm >= at.cut_mm => layer.checked_sub(1),
+            _ => self.layers.iter().rposition(|layer| layer.from_mm <= at.depth_mm),
+        }
+    }
+
     /// How far tissue at a depth on the needle's way is displaced along it, mm.
     pub fn along(&self, depth_mm: f64) -> f64 {
         self.line
@@ -153,141 +181,102 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             .along(self.structure.displacement())
     }
 
+    /// Where the needle is and the state of the body, as [`Structure::put_state`].
+    ///
+    /// # Errors
+    /// [`CreepError`] where the stiffness cannot be factored.
+    pub(super) fn put_state(&mut self) -> Result<(At, [Vec<f64>; 2]), CreepError> {
+        Ok((self.at, self.structure.put_state()?))
+    }
+
+    /// Where the needle is.
+    pub(super) fn at(&self) -> At {
+        self.at
+    }
+
+    /// Puts the needle where it was on the way that it is aimed at.
+    pub(super) fn put_at(&mut self, at: At) {
+        self.at = at;
+    }
+
+    /// Takes over a state, of a needle that is aimed as this one is.
+    ///
+    /// # Errors
+    /// [`CreepError`] for numbers that are not of such a body.
+    pub(super) fn take_state(&mut self, at: At, state: [&[f64]; 2]) -> Result<(), CreepError> {
+        self.structure.take_state(state)?;
+        self.at = at;
+        Ok(())
+    }
+
     /// Moves the tip to `travel_mm` beyond the entry (below 0: before it), in `step_s` seconds.
     ///
     /// # Errors
     /// [`CreepError`]; the needle is then as before.
     pub fn step(&mut self, travel_mm: f64, step_s: f64) -> Result<Pushed, CreepError> {
-        let (phase, depth_mm) = self.advance(travel_mm);
-        self.contact = match phase {
-            Phase::Pushing(_) => Some(self.line.contact(self.body(), depth_mm, travel_mm - depth_mm)),
+        let mut next = self.advance(travel_mm);
+        let contact = match next.phase {
+            Phase::Held => Some(self.held(&next, travel_mm - self.at.travel_mm)),
+            Phase::Pushing(_) => Some(self.line.contact(self.body(), next.depth_mm, travel_mm - next.depth_mm)),
             Phase::Free | Phase::Cutting(_) => None,
         };
         self.loads.fill(0.0);
-        let mut shaft_n = 0.0;
-        let layer_of = |depth: f64| {
-            self.layers
-                .iter()
-                .rposition(|layer| layer.from_mm <= depth)
-                .unwrap_or(0)
-        };
-        for (point, from, to) in self.line.pieces(depth_mm) {
-            let force = self.layers[layer_of(0.5 * (from + to))].friction_n_per_mm * (to - from);
-            shaft_n += force;
-            point.add(force, &mut self.loads);
+        (next.tip_n, next.shaft_n) = (0.0, 0.0);
+        if next.phase != Phase::Held {
+            let along = if next.outward { -1.0 } else { 1.0 };
+            for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm) {
+                next.shaft_n += along * force;
+                point.add(along * force, &mut self.loads);
+            }
         }
-        let mut tip_n = 0.0;
-        if let Phase::Cutting(layer) = phase {
-            tip_n = self.layers[layer].cutting_n;
+        if let Phase::Cutting(layer) = next.phase {
+            next.tip_n = self.layers[layer].cutting_n;
             self.line
-                .contact(self.body(), depth_mm, 0.0)
-                .add(tip_n, &mut self.loads);
+                .contact(self.body(), next.depth_mm, 0.0)
+                .add(next.tip_n, &mut self.loads);
         }
         self.structure
-            .step(step_s, &self.loads, &self.prescribed, self.contact.as_ref())?;
-        (self.phase, self.depth_mm) = (phase, depth_mm);
-        let mut punctured = None;
-        if let Phase::Pushing(layer) = phase {
-            tip_n = self.structure.contact_force();
-            if tip_n > self.layers[layer].membrane_n {
-                punctured = Some(layer);
-                self.phase = Phase::Cutting(layer);
-            } else if tip_n < 0.0 {
-                // A needle does not pull: what holds the point back lets it go in the next step.
-                self.phase = Phase::Free;
-            }
-        }
-        Ok(Pushed {
-            force_n: tip_n + shaft_n,
-            tip_n,
-            depth_mm,
-            phase,
-            punctured,
-        })
-    }
-
-    /// What the tip does when it goes on to `travel_mm`, and how deep it comes, the tissue displaced as it is.
-    fn advance(&self, travel_mm: f64) -> (Phase, f64) {
-        let place = |depth: f64| depth + self.along(depth);
-        match self.phase {
-            Phase::Pushing(layer) => (Phase::Pushing(layer), self.depth_mm),
-            Phase::Free if place(self.depth_mm) < travel_mm => {
-                let layer = self
-                    .layers
-                    .iter()
-                    .rposition(|layer| layer.from_mm <= self.depth_mm)
-                    .unwrap_or(0);
-                (Phase::Pushing(layer), self.depth_mm)
-            }
-            Phase::Free => (Phase::Free, self.depth_mm),
-            Phase::Cutting(layer) => {
-                let next = self.layers.get(layer + 1).map_or(f64::INFINITY, |layer| layer.from_mm);
-                let end = next.min(self.line.length());
-                if place(end) <= travel_mm {
-                    return if end < next {
-                        (Phase::Free, end)
-                    } else {
-                        self.entered(layer + 1, end)
-                    };
+            .step(step_s, &self.loads, &self.prescribed, contact.as_ref())?;
+        let mut pushed = Pushed {
+            force_n: 0.0,
+            tip_n: 0.0,
+            depth_mm: next.depth_mm,
+            phase: next.phase,
+            punctured: None,
+        };
+        match next.phase {
+            Phase::Pushing(layer) => {
+                next.tip_n = self.structure.contact_force();
+                if next.tip_n > self.layers[layer].membrane_n {
+                    pushed.punctured = Some(layer);
+                    next.phase = Phase::Cutting(layer);
+                    next.whole = next.phase;
+                } else if next.tip_n < 0.0 {
+                    // A needle does not pull: what holds the point back lets it go in the next step.
+                    next.phase = Phase::Free;
                 }
-                // Cut tissue stays cut: the tip is not above where it was.
-                let (mut low, mut high) = (self.depth_mm, end);
-                for _ in 0..60 {
-                    let middle = 0.5 * (low + high);
-                    if place(middle) < travel_mm {
-                        low = middle
-                    } else {
-                        high = middle
-                    }
-                }
-                (Phase::Cutting(layer), low)
             }
+            Phase::Held => self.share(&mut next),
+            Phase::Free | Phase::Cutting(_) => {}
         }
-    }
-
-    /// A layer is reached: its membrane is pushed, if it has one.
-    fn entered(&self, layer: usize, depth: f64) -> (Phase, f64) {
-        if self.layers[layer].membrane_n > 0.0 {
-            (Phase::Pushing(layer), depth)
-        } else {
-            (Phase::Cutting(layer), depth)
-        }
+        (pushed.force_n, pushed.tip_n) = (next.tip_n + next.shaft_n, next.tip_n);
+        self.at = next;
+        Ok(pushed)
     }
 }
 
-fn check(layers: &[Layer]) -> Result<(), InvalidWay> {
-    if layers.first().is_none_or(|layer| layer.from_mm != 0.0) {
-        return Err(InvalidWay::First {
-            found: layers.first().map(|layer| layer.from_mm),
-        });
-    }
-    for (at, layer) in layers.iter().enumerate() {
-        let wrong = |what, found, expected| {
-            Err(InvalidWay::Layer {
-                layer: at,
-                what,
-                found,
-                expected,
-            })
-        };
-        let above = at
-            .checked_sub(1)
-            .map_or(f64::NEG_INFINITY, |above| layers[above].from_mm);
-        if !(layer.from_mm.is_finite() && layer.from_mm > above) {
-            return wrong("from_mm", layer.from_mm, "more than that of the layer above");
-        }
-        let forces = [
-            ("membrane_n", layer.membrane_n),
-            ("cutting_n", layer.cutting_n),
-            ("friction_n_per_mm", layer.friction_n_per_mm),
-        ];
-        for (what, found) in forces {
-            if !(found.is_finite() && found >= 0.0) {
-                return wrong(what, found, "a finite number, 0 or more");
-            }
-        }
-    }
-    Ok(())
+/// Pieces of the shaft down to a depth: their points, their friction when they slide, and what holds them at rest, N.
+fn frictions<'a, const D: usize>(
+    line: &'a Line<D>,
+    layers: &'a [Layer],
+    depth_mm: f64,
+) -> impl Iterator<Item = (&'a Contact, f64, f64)> {
+    line.pieces(depth_mm).filter_map(|(point, from, to)| {
+        let middle = 0.5 * (from + to);
+        let layer = layers.iter().rfind(|layer| layer.from_mm <= middle)?;
+        let force = layer.friction_n_per_mm * (to - from);
+        Some((point, force, layer.static_ratio * force))
+    })
 }
 
 #[cfg(test)]

@@ -22,8 +22,9 @@ const VEIN_DEPTH_MM: f64 = 26.0;
 const VEIN_MM: [f64; 2] = [10.0, 6.0];
 
 /// Blood moves away along the vein, out of the slice: it is soft, and has no volume to keep. Where little of the vein's height is
-/// left its walls come to lie on each other: beyond this strain it stiffens until it is no softer than they are.
-const BLOOD_KPA: f64 = 0.02;
+/// left its walls come to lie on each other: beyond this strain it stiffens until it is no softer than they are. Its modulus is a share
+/// of the liver's, so that all forces are in proportion to that.
+const BLOOD: f64 = 0.01;
 const CLOSING: [f64; 2] = [0.7, 4e3];
 
 /// The slice, and what the needle meets in it.
@@ -84,7 +85,7 @@ impl Liver {
         let vein: Vec<bool> = triangles.iter().map(inside).collect();
         let tissue = Material::new(options.young_kpa, options.poisson)?;
         let tissue = Stiffening::new(tissue, options.knee_strain, options.stiffening)?;
-        let blood = Stiffening::new(Material::new(BLOOD_KPA, 0.0)?, CLOSING[0], CLOSING[1])?;
+        let blood = Stiffening::new(Material::new(BLOOD * options.young_kpa, 0.0)?, CLOSING[0], CLOSING[1])?;
         let laws: Vec<Stiffening> = vein.iter().map(|vein| if *vein { blood } else { tissue }).collect();
         let held = (0..=columns as u32).flat_map(|node| [(node, 0), (node, 1)]);
         let supports = Supports::new(nodes.len(), held);
@@ -93,6 +94,7 @@ impl Liver {
             membrane_n,
             cutting_n: share * options.cutting_n,
             friction_n_per_mm: share * options.friction_n_per_mm,
+            static_ratio: 1.0,
         };
         Ok(Liver {
             body: Arc::new(Sheet::plane_strain(nodes, triangles, &laws, options.thickness_mm)?),

@@ -9,16 +9,73 @@ const PIECE_MM: f64 = 0.5;
 /// How far outside an element a point may seem to lie, in barycentric coordinates: rounding, and lines along faces.
 const OUTSIDE: f64 = 1e-9;
 
+/// The same for elements that a line may run through at all: more than where points are looked for.
+const BESIDE: f64 = 1e-6;
+
 #[derive(Clone, Debug)]
 pub struct Line<const D: usize> {
     entry: [f64; D],
     direction: [f64; D],
+    /// Elements that it runs through or along, ascending.
+    elements: Vec<u32>,
     /// Points in the middle of each piece.
     points: Vec<Contact>,
     length: f64,
 }
 
+/// Where a line runs through an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// The element.
+    pub element: u32,
+    /// From where, mm from the origin of the line on.
+    pub from_mm: f64,
+    /// To where, mm.
+    pub to_mm: f64,
+}
+
+/// Elements that a line runs through or along, ascending, `direction` being of unit length.
+pub fn crossings<const D: usize, const N: usize>(
+    body: &Body<D, N>,
+    origin: &[f64; D],
+    direction: &[f64; D],
+) -> Vec<Crossing> {
+    let beyond: [f64; D] = std::array::from_fn(|axis| origin[axis] + direction[axis]);
+    let crossing = |element: u32| {
+        let (mut from_mm, mut to_mm) = (f64::NEG_INFINITY, f64::INFINITY);
+        let [here, there] = [origin, &beyond].map(|point| body.barycentric(element as usize, point));
+        for (here, there) in here.iter().zip(&there) {
+            let (inside, slope) = (here + BESIDE, there - here);
+            let at = -inside / slope;
+            if slope > 0.0 {
+                from_mm = from_mm.max(at);
+            } else if slope < 0.0 {
+                to_mm = to_mm.min(at);
+            } else if inside < 0.0 {
+                return None;
+            }
+        }
+        (from_mm <= to_mm).then_some(Crossing {
+            element,
+            from_mm,
+            to_mm,
+        })
+    };
+    (0..body.elements().len() as u32).filter_map(crossing).collect()
+}
+
 impl<const D: usize> Line<D> {
+    /// A line through nothing.
+    pub fn nowhere() -> Self {
+        Line {
+            entry: [0.0; D],
+            direction: [0.0; D],
+            elements: Vec::new(),
+            points: Vec::new(),
+            length: 0.0,
+        }
+    }
+
     pub fn new<const N: usize>(body: &Body<D, N>, entry: [f64; D], direction: [f64; D]) -> Result<Self, InvalidWay> {
         let norm = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !(norm.is_finite() && norm > 0.0) {
@@ -26,20 +83,28 @@ impl<const D: usize> Line<D> {
                 found: direction.to_vec(),
             });
         }
+        let direction = direction.map(|x| x / norm);
+        let all = crossings(body, &entry, &direction);
         let mut line = Line {
             entry,
-            direction: direction.map(|x| x / norm),
+            direction,
+            elements: all.iter().map(|crossing| crossing.element).collect(),
             points: Vec::new(),
             length: 0.0,
         };
-        if line.find(body, 0.0).1 < -1e-6 {
+        if line.least(body, 0.0) < -BESIDE {
             return Err(InvalidWay::Outside { entry: entry.to_vec() });
         }
-        while line.find(body, line.length + PIECE_MM).1 >= -OUTSIDE {
+        while line.least(body, line.length + PIECE_MM) >= -OUTSIDE {
             line.points.push(line.contact(body, line.length + 0.5 * PIECE_MM, 0.0));
             line.length += PIECE_MM;
         }
         Ok(line)
+    }
+
+    /// Elements that it runs through or along.
+    pub fn elements(&self) -> &[u32] {
+        &self.elements
     }
 
     /// How long it is within the body, to a piece of the shaft, mm.
@@ -47,13 +112,14 @@ impl<const D: usize> Line<D> {
         self.length
     }
 
-    /// The point at a depth, held at a displacement along the line.
+    /// The point at a depth, held at a displacement along the line; without weights where there is no body.
     pub fn contact<const N: usize>(&self, body: &Body<D, N>, depth: f64, place_mm: f64) -> Contact {
-        let (element, _, weights) = self.find_all(body, depth);
         let mut all = Vec::with_capacity(D * N);
-        for (node, weight) in body.elements()[element].iter().zip(weights) {
-            for (axis, along) in self.direction.iter().enumerate().filter(|(_, along)| **along != 0.0) {
-                all.push((D as u32 * node + axis as u32, weight * along));
+        if let Some((element, _, weights)) = self.find(body, depth) {
+            for (node, weight) in body.elements()[element].iter().zip(weights) {
+                for (axis, along) in self.direction.iter().enumerate().filter(|(_, along)| **along != 0.0) {
+                    all.push((D as u32 * node + axis as u32, weight * along));
+                }
             }
         }
         Contact { weights: all, place_mm }
@@ -68,20 +134,20 @@ impl<const D: usize> Line<D> {
         pieces.take_while(|(_, from, to)| to > from)
     }
 
-    fn find<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> (usize, f64) {
-        let (element, least, _) = self.find_all(body, depth);
-        (element, least)
+    /// How far inside the body the point at a depth is: the least of its barycentric coordinates.
+    fn least<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> f64 {
+        self.find(body, depth).map_or(f64::NEG_INFINITY, |(_, least, _)| least)
     }
 
     /// The element that holds the point, or is nearest to it: its least barycentric coordinate is the largest.
-    fn find_all<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> (usize, f64, [f64; N]) {
+    fn find<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
         let point: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + depth * self.direction[axis]);
-        let mut best = (0, f64::NEG_INFINITY, [0.0; N]);
-        for element in 0..body.elements().len() {
-            let weights = body.barycentric(element, &point);
+        let mut best: Option<(usize, f64, [f64; N])> = None;
+        for &element in &self.elements {
+            let weights = body.barycentric(element as usize, &point);
             let least = weights.iter().fold(f64::INFINITY, |a: f64, b| a.min(*b));
-            if least > best.1 {
-                best = (element, least, weights);
+            if best.is_none_or(|(_, most, _)| least > most) {
+                best = Some((element as usize, least, weights));
             }
         }
         best

@@ -40,12 +40,14 @@ const LAYERS: [Layer; 2] = [
         membrane_n: 0.01,
         cutting_n: 0.002,
         friction_n_per_mm: 0.0005,
+        static_ratio: 1.0,
     },
     Layer {
         from_mm: 12.0,
         membrane_n: 0.012,
         cutting_n: 0.002,
         friction_n_per_mm: 0.0005,
+        static_ratio: 1.0,
     },
 ];
 

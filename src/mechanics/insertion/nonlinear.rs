@@ -1,0 +1,270 @@
+//! A needle that goes straight into tissue that stiffens with strain, and perhaps creeps: it pushes, punctures and cuts.
+//!
+//! The tissue is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::mechanics::tissue::nonlinear`]), over
+//! tetrahedra; what the needle does is that of [`pushing`](super::pushing), and quasi-static. The mesh stays as it is: the force at the
+//! tip acts on the corners of the element around it, so that how far tissue gives way there depends on the size of elements.
+//!
+//! The needle is rigid and goes along its axis as long as it is in tissue; sideways moves are refused then. Outside it goes where it
+//! likes, and the next time it comes in along another line, through tissue that is whole. Layers along a line are what its elements
+//! belong to: each begins with a membrane that bears the `puncture_n` of its region (or `cutting_n`, if that is more).
+//!
+//! A step is cut into parts, in none of which the tip goes farther than [`Options::part_mm`] in tissue. A part that cannot be solved is
+//! cut into halves; where that does not help either, tissue stays behind until the next step, which is told.
+
+mod imager;
+mod outcome;
+mod saved;
+mod setup;
+#[cfg(test)]
+mod tests;
+mod way;
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+
+use super::pushing::{Phase, Pushing};
+use super::{EventKind, Field, Imager, Instruments, Interaction, Model, Outcome, Saved, Snapshot, StepError};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::needle::{CentreLine, Shaft};
+use imager::Unchanging;
+pub use setup::{InvalidSetup, Options, Setup, Viscosity};
+use way::Way;
+pub use way::{in_body, obstacle};
+
+/// How far beside the line that it went in along a needle may be, mm: rounding of poses, and hands that are nearly still.
+const BESIDE_MM: f64 = 0.05;
+
+/// Halvings of a part of a step that cannot be solved.
+const HALVINGS: u32 = 6;
+
+/// The model.
+#[derive(Debug)]
+pub struct Nonlinear {
+    mesh: Arc<TetMesh>,
+    interactions: Vec<(i32, Interaction)>,
+    shaft: Shaft,
+    options: Options,
+    /// What all that is fixed about the model says, to tell saved states of others.
+    name: String,
+    needle: Pushing<3, 4>,
+    /// The line that the needle is on, with what it meets, once it has been seen.
+    way: Option<Way>,
+    steps: u64,
+    time_s: f64,
+    /// Time that tissue is behind, s.
+    behind_s: f64,
+    /// How far the tip was beyond the entry, mm.
+    travel_mm: f64,
+    /// The region that the tip is in.
+    region: Option<i32>,
+    line: CentreLine,
+    seeds: Vec<Point3<f64>>,
+    outcome: Outcome,
+}
+
+impl Nonlinear {
+    /// How far the tip is beyond the entry, on the line that it is on: found anew while the needle is outside.
+    fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
+        let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
+        let direction = base.rotation * Vector3::z_axis();
+        if let Some(way) = &self.way {
+            let hub = Point3::from(base.translation.vector);
+            let beside = way.beside_mm(&tip).max(way.beside_mm(&hub));
+            // Where a needle starts anew counts by rounding only.
+            let most = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
+            if beside <= most && way.direction.dot(&direction) > 0.0 {
+                return Ok(way.travel_mm(&tip));
+            }
+            if !self.needle.is_outside() {
+                return Err(StepError::Input {
+                    what: "the needle's distance (mm) from the line that it went into the tissue along",
+                    found: beside,
+                    expected: "at most 0.05 until it is out again: this model has no sideways moves",
+                });
+            }
+        }
+        self.aim(&tip, &direction);
+        let way = self.way.as_ref();
+        let travel = way.map_or(0.0, |way| way.travel_mm(&tip));
+        // A needle that is first seen in tissue has been pushed in along itself.
+        self.travel_mm = travel.min(0.0);
+        Ok(travel)
+    }
+
+    /// Finds the way of a needle outside.
+    fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
+        let body = Arc::clone(self.needle.body());
+        self.way = Some(Way::find(&body, self.mesh.regions(), tip, direction));
+        self.take_way();
+    }
+
+    /// Puts the needle on its way.
+    fn take_way(&mut self) {
+        let interactions = &self.interactions;
+        let of = |region: i32| {
+            let found = interactions.binary_search_by_key(&region, |(region, _)| *region);
+            found.map_or_else(|_| Interaction::default(), |at| interactions[at].1)
+        };
+        let way = self.way.as_ref().filter(|way| !way.regions.is_empty());
+        let aimed = way.map(|way| {
+            self.needle
+                .aim(way.entry.into(), (*way.direction).into(), way.layers(of))
+        });
+        if aimed.is_none_or(|aimed| aimed.is_err()) {
+            self.needle.withdraw();
+        }
+    }
+
+    /// Brings the tip to `travel_mm`, in parts.
+    fn travel(&mut self, travel_mm: f64, dt_s: f64) {
+        // Before the surface a needle meets nothing; tissue that bulges there is met within one part.
+        let from = self.travel_mm;
+        let [low, high] = [from, travel_mm].map(|travel| travel.max(-self.options.part_mm));
+        let parts = ((high - low).abs() / self.options.part_mm).ceil().max(1.0);
+        let parts = parts.min(self.options.most_parts as f64) as usize;
+        self.outcome.substeps = parts;
+        let part_s = dt_s / parts as f64;
+        for part in 1..=parts {
+            let share = part as f64 / parts as f64;
+            let to = if part == parts {
+                travel_mm
+            } else {
+                low + share * (high - low)
+            };
+            let time = self.behind_s + part_s;
+            self.behind_s = self.part(to, time, HALVINGS);
+            if self.behind_s > 0.0 {
+                self.outcome.converged = false;
+                self.behind_s += part_s * (parts - part) as f64;
+                break;
+            }
+        }
+        if self.behind_s > 0.0 {
+            self.note(EventKind::NotConverged, None);
+        }
+    }
+
+    /// One part; returns the time that it could not go through.
+    fn part(&mut self, to_mm: f64, time_s: f64, halvings: u32) -> f64 {
+        let (was_outside, was_through) = (self.needle.is_outside(), self.needle.is_through());
+        let was_inside = self.needle.depth_mm() > 0.0;
+        match self.needle.step(to_mm, time_s) {
+            Ok(pushed) => {
+                self.outcome.iterations += self.needle.structure().solver().progress().iterations;
+                self.outcome.stuck = usize::from(pushed.phase == Phase::Held);
+                self.feel(pushed.force_n);
+                self.travel_mm = to_mm;
+                let at = self.entered();
+                if was_outside && pushed.phase != Phase::Free {
+                    self.note(EventKind::Skin, at);
+                }
+                if let Some(layer) = pushed.punctured {
+                    let region = self.way.as_ref().and_then(|way| way.region(layer));
+                    self.note(EventKind::Puncture, region);
+                }
+                let region = self.tip_region();
+                if region != self.region {
+                    if region.is_some() && self.region.is_some() {
+                        self.note(EventKind::Region, region);
+                    }
+                    self.region = region;
+                }
+                let is_through = self.needle.is_through() && !was_through;
+                if (was_inside && self.needle.is_outside()) || is_through {
+                    self.note(EventKind::Out, None);
+                }
+                0.0
+            }
+            Err(_) if halvings > 0 => {
+                let middle = 0.5 * (self.travel_mm + to_mm);
+                let left = self.part(middle, 0.5 * time_s, halvings - 1);
+                if left > 0.0 {
+                    return left + 0.5 * time_s;
+                }
+                self.part(to_mm, 0.5 * time_s, halvings - 1)
+            }
+            Err(_) => time_s,
+        }
+    }
+
+    /// The first region on the way.
+    fn entered(&self) -> Option<i32> {
+        self.way.as_ref().and_then(|way| way.region(0))
+    }
+
+    /// The region that the tip is in, not one whose membrane it still pushes.
+    fn tip_region(&self) -> Option<i32> {
+        let layer = self.needle.tip_layer()?;
+        self.way.as_ref().and_then(|way| way.region(layer))
+    }
+}
+
+impl Model for Nonlinear {
+    fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
+        let base = &instruments.base;
+        finite("the time", [dt_s].into_iter())?;
+        if dt_s <= 0.0 {
+            return Err(StepError::Input {
+                what: "the time",
+                found: dt_s,
+                expected: "a finite number of seconds above 0",
+            });
+        }
+        let numbers = base.translation.vector.iter().chain(base.rotation.coords.iter());
+        finite("the pose of the needle's base", numbers.copied())?;
+        let travel_mm = self.on_line(base)?;
+        self.steps += 1;
+        self.time_s += dt_s;
+        let was_crushed = self.outcome.crushed > 0;
+        self.outcome.begin();
+        self.place(base);
+        self.travel(travel_mm, dt_s);
+        self.conclude(instruments, was_crushed);
+        Ok(&self.outcome)
+    }
+
+    fn outcome(&self) -> &Outcome {
+        &self.outcome
+    }
+
+    fn snapshot(&mut self, into: &mut Snapshot) {
+        into.step = self.steps;
+        into.time_s = self.time_s;
+        into.line.clone_from(&self.line);
+        into.seeds.clone_from(&self.seeds);
+        into.moved.clear();
+        let mut field = match std::mem::take(&mut into.field) {
+            Field::Displacement(field) => field,
+            Field::BaseForces(_) => Vec::new(),
+        };
+        field.clear();
+        let displacement = self.needle.structure().displacement();
+        field.extend(displacement.as_chunks::<3>().0);
+        into.field = Field::Displacement(field);
+    }
+
+    fn imager(&self) -> Box<dyn Imager> {
+        Box::new(Unchanging(Arc::clone(&self.mesh)))
+    }
+
+    fn save(&mut self) -> Saved {
+        self.save_state()
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
+        self.take_saved(saved)
+    }
+}
+
+fn finite(what: &'static str, mut numbers: impl Iterator<Item = f64>) -> Result<(), StepError> {
+    match numbers.find(|number| !number.is_finite()) {
+        None => Ok(()),
+        Some(found) => Err(StepError::Input {
+            what,
+            found,
+            expected: "finite numbers",
+        }),
+    }
+}

@@ -1,0 +1,78 @@
+//! Saving the state of an insertion, and going back to it.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use super::{Nonlinear, Way};
+use crate::mechanics::insertion::pushing::At;
+use crate::mechanics::insertion::{Saved, StepError};
+use crate::mechanics::needle::CentreLine;
+
+/// All that a step depends on.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    name: String,
+    steps: u64,
+    time_s: f64,
+    behind_s: f64,
+    travel_mm: f64,
+    region: Option<i32>,
+    crushed: usize,
+    line: CentreLine,
+    seeds: Vec<Point3<f64>>,
+    way: Option<Way>,
+    at: At,
+    /// Of the body, and its past.
+    body: [Vec<f64>; 2],
+}
+
+impl Nonlinear {
+    pub(super) fn save_state(&mut self) -> Saved {
+        let (at, body) = match self.needle.put_state() {
+            Ok(state) => state,
+            Err(error) => unreachable!("a scalar tangent that was factored before can be again: {error}"),
+        };
+        let state = State {
+            name: self.name.clone(),
+            steps: self.steps,
+            time_s: self.time_s,
+            behind_s: self.behind_s,
+            travel_mm: self.travel_mm,
+            region: self.region,
+            crushed: self.outcome.crushed,
+            line: self.line.clone(),
+            seeds: self.seeds.clone(),
+            way: self.way.clone(),
+            at,
+            body,
+        };
+        match serde_json::to_value(state) {
+            Ok(value) => Saved(value),
+            Err(error) => unreachable!("numbers, lists and names: {error}"),
+        }
+    }
+
+    pub(super) fn take_saved(&mut self, saved: &Saved) -> Result<(), StepError> {
+        let state = State::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;
+        if state.name != self.name {
+            let (found, expected) = (state.name, &self.name);
+            return Err(StepError::Foreign(format!("found `{found}`; expected `{expected}`")));
+        }
+        let (way, at) = (std::mem::replace(&mut self.way, state.way), self.needle.at());
+        self.take_way();
+        let [body, past] = &state.body;
+        if let Err(error) = self.needle.take_state(state.at, [body, past]) {
+            self.way = way;
+            self.take_way();
+            self.needle.put_at(at);
+            return Err(StepError::Foreign(error.to_string()));
+        }
+        (self.steps, self.time_s, self.behind_s) = (state.steps, state.time_s, state.behind_s);
+        (self.travel_mm, self.region) = (state.travel_mm, state.region);
+        (self.line, self.seeds) = (state.line, state.seeds);
+        self.outcome.begin();
+        self.outcome.crushed = state.crushed;
+        Ok(())
+    }
+}

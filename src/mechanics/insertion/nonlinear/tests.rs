@@ -1,0 +1,285 @@
+//! A needle goes into a block with a soft layer, stays, and comes out.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::mechanics::insertion::Tissue;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::Stiffening;
+use crate::mechanics::tissue::nonlinear::creep::Memory;
+
+const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
+
+/// Regions 1, 2 and 1 again along z, and what they do to a needle.
+fn setup(viscosity: Option<Viscosity>) -> Setup {
+    let mesh = TetMesh::over_box([0.0; 3], EDGE_MM, 500).unwrap();
+    let elements = mesh.elements().to_vec();
+    let middle = |corners: &[u32; 4]| corners.map(|node| mesh.nodes()[node as usize][2]).iter().sum::<f64>() / 4.0;
+    let soft = |corners: &[u32; 4]| (10.0..16.0).contains(&middle(corners));
+    let regions: Vec<i32> = elements
+        .iter()
+        .map(|corners| if soft(corners) { 2 } else { 1 })
+        .collect();
+    let law = |region: &i32| {
+        let material = Material::new(if *region == 1 { 3.0 } else { 0.5 }, 0.4).unwrap();
+        Stiffening::new(material, 0.3, 10.0).unwrap()
+    };
+    let fixed = (0u32..)
+        .zip(mesh.nodes())
+        .filter(|(_, at)| at[2] == EDGE_MM[2])
+        .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis)))
+        .collect();
+    let laws = regions.iter().map(law).collect();
+    let mesh = TetMesh::new(mesh.nodes().to_vec(), elements, regions).unwrap();
+    let one = Interaction {
+        friction_n_per_mm: 0.002,
+        cutting_n: 0.01,
+        puncture_n: 0.05,
+        ..Interaction::default()
+    };
+    let two = Interaction {
+        puncture_n: 0.04,
+        ..Interaction::default()
+    };
+    Setup {
+        mesh: Arc::new(mesh),
+        laws,
+        fixed,
+        interactions: vec![(2, two), (1, one)],
+        shaft: Shaft {
+            length_mm: 60.0,
+            radius_mm: 0.5,
+        },
+        viscosity,
+        options: Options::default(),
+    }
+}
+
+fn creeping() -> Option<Viscosity> {
+    Some(Viscosity {
+        order: 0.2,
+        memory: Memory::LoadIntegral,
+    })
+}
+
+fn at(x: f64, depth: f64) -> Instruments {
+    Instruments {
+        base: Isometry3::from_parts(Translation3::new(x, 14.3, depth - 60.0), UnitQuaternion::identity()),
+        probe: None,
+        guide: None,
+        deposit: false,
+    }
+}
+
+const X: f64 = 15.7;
+
+/// Depths of the tip, step by step.
+fn in_and_out() -> Vec<f64> {
+    let step = 0.4;
+    let inward = (0..50).map(|at| -2.0 + step * f64::from(at));
+    let still = std::iter::repeat_n(-2.0 + step * 49.0, 5);
+    let outward = (0..80).map(|at| -2.0 + step * (49.0 - f64::from(at)));
+    inward.chain(still).chain(outward).collect()
+}
+
+struct Seen {
+    force: Vec<f64>,
+    events: Vec<(EventKind, Option<i32>)>,
+    outcomes: Vec<Outcome>,
+}
+
+fn run(model: &mut Nonlinear, depths: &[f64]) -> Seen {
+    let mut seen = Seen {
+        force: Vec::new(),
+        events: Vec::new(),
+        outcomes: Vec::new(),
+    };
+    for depth in depths {
+        let outcome = model.step(&at(X, *depth), 0.05).unwrap();
+        assert!(outcome.converged, "{depth}: {outcome:?}");
+        seen.force.push(-outcome.on_hand.force_n.z);
+        seen.events
+            .extend(outcome.events.iter().map(|event| (event.kind, event.region)));
+        seen.outcomes.push(outcome.clone());
+    }
+    seen
+}
+
+#[test]
+fn it_pushes_punctures_stops_and_comes_out() {
+    for viscosity in [None, creeping()] {
+        let mut model = Nonlinear::new(setup(viscosity)).unwrap();
+        let depths = in_and_out();
+        let seen = run(&mut model, &depths);
+        use EventKind::{Out, Puncture, Region, Skin};
+        let told: Vec<_> = seen
+            .events
+            .iter()
+            .filter(|(kind, _)| *kind != EventKind::Crushed)
+            .copied()
+            .collect();
+        let expected = [
+            (Skin, Some(1)),
+            (Puncture, Some(1)),
+            (Puncture, Some(2)),
+            (Region, Some(2)),
+            (Puncture, Some(1)),
+            (Region, Some(1)),
+            (Region, Some(2)),
+            (Region, Some(1)),
+            (Out, None),
+        ];
+        assert_eq!(told, expected, "{viscosity:?}");
+        // Pushing, the force rises; after a puncture it falls.
+        let first = seen
+            .outcomes
+            .iter()
+            .position(|outcome| outcome.events.iter().any(|event| event.kind == Puncture));
+        let first = first.unwrap();
+        let touch = seen.force.iter().position(|force| *force > 0.0).unwrap();
+        assert!(first > touch + 3 && seen.force[touch..=first].windows(2).all(|pair| pair[1] > pair[0]));
+        assert!(
+            seen.force[first] > 0.05 && seen.force[first + 1] < 0.02,
+            "{:?}",
+            seen.force
+        );
+        // It stays: held, and a viscous body relaxes.
+        let stop = &seen.force[50..55];
+        assert!(seen.outcomes[52].stuck > 0 && seen.outcomes[45].stuck == 0);
+        match viscosity {
+            None => assert!((stop[4] / stop[0] - 1.0).abs() < 1e-5, "{stop:?}"),
+            // At first tissue that the tip has passed still springs back against it.
+            Some(_) => assert!(
+                stop[1..].windows(2).all(|pair| pair[1] < pair[0]) && stop[4] > 0.0,
+                "{stop:?}"
+            ),
+        }
+        // Drawn out it is pulled back, by friction along what is still in tissue at most: within what one step adds.
+        let most = |outcome: &Outcome| 0.002 * outcome.inserted_mm;
+        let outward = &seen.outcomes[60..];
+        let pulled = outward.iter().map(|outcome| outcome.on_hand.force_n.z - most(outcome));
+        assert!(pulled.fold(f64::NEG_INFINITY, f64::max) < 0.003);
+        assert!(outward.iter().any(|outcome| outcome.on_hand.force_n.z > 0.01));
+        assert!(
+            outward
+                .windows(2)
+                .all(|pair| pair[1].inserted_mm <= pair[0].inserted_mm)
+        );
+        let end = &seen.outcomes[depths.len() - 1];
+        assert_eq!(
+            (end.inserted_mm, end.contacts, end.on_hand.force_n.norm()),
+            (0.0, 0, 0.0)
+        );
+        // Elastic tissue is at rest again; viscous tissue is on its way there.
+        let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+        model.snapshot(&mut snapshot);
+        model.imager().tissue(&snapshot, &mut tissue);
+        let moved = tissue.reference.iter().zip(&tissue.current);
+        let farthest = moved
+            .map(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm())
+            .fold(0.0, f64::max);
+        let left = if viscosity.is_none() { 1e-5 } else { 1.0 };
+        assert!(farthest < left, "{farthest}");
+        assert_eq!(tissue.inverted, 0);
+    }
+}
+
+#[test]
+fn a_saved_state_goes_on_with_the_same_bits() {
+    for viscosity in [None, creeping()] {
+        let depths = in_and_out();
+        for stop in [3, 12, 30, 52, 70] {
+            let mut model = Nonlinear::new(setup(viscosity)).unwrap();
+            run(&mut model, &depths[..stop]);
+            let saved = model.save();
+            let text = serde_json::to_string(&saved).unwrap();
+            let expected = run(&mut model, &depths[stop..stop + 6]);
+            let mut other = Nonlinear::new(setup(viscosity)).unwrap();
+            run(&mut other, &depths[..5]);
+            other.restore(&serde_json::from_str(&text).unwrap()).unwrap();
+            let found = run(&mut other, &depths[stop..stop + 6]);
+            assert_eq!(found.outcomes, expected.outcomes, "{stop}");
+            let (mut a, mut b) = (Snapshot::default(), Snapshot::default());
+            model.snapshot(&mut a);
+            other.snapshot(&mut b);
+            assert_eq!(a, b);
+        }
+    }
+    let mut model = Nonlinear::new(setup(None)).unwrap();
+    let saved = Nonlinear::new(setup(creeping())).unwrap().save();
+    assert!(matches!(model.restore(&saved), Err(StepError::Foreign(_))));
+}
+
+#[test]
+fn sideways_moves_are_refused_in_tissue_and_taken_outside() {
+    let mut model = Nonlinear::new(setup(None)).unwrap();
+    run(&mut model, &in_and_out()[..20]);
+    let before = model.outcome().clone();
+    let refused = model.step(&at(X + 1.0, 5.6), 0.05).unwrap_err();
+    let StepError::Input { found, .. } = refused else {
+        panic!("{refused}")
+    };
+    assert!((found - 1.0).abs() < 1e-9);
+    assert_eq!(model.outcome(), &before);
+    assert!(model.step(&at(X, f64::NAN), 0.05).is_err());
+    model.step(&at(X, -3.0), 0.05).unwrap();
+    assert_eq!(model.outcome().inserted_mm, 0.0);
+    // Along another line all is whole.
+    let outcome = model.step(&at(8.2, 1.0), 0.05).unwrap();
+    assert!(outcome.on_hand.force_n.z < 0.0 && outcome.inserted_mm == 0.0);
+    // A line beside the body meets nothing.
+    model.step(&at(8.2, -1.0), 0.05).unwrap();
+    let outcome = model.step(&at(50.0, 12.0), 0.05).unwrap();
+    assert_eq!((outcome.on_hand.force_n.norm(), outcome.contacts), (0.0, 0));
+}
+
+/// What does not fit is named.
+#[test]
+fn setups_are_checked() {
+    let refused = |spoil: fn(&mut Setup)| {
+        let mut setup = setup(creeping());
+        spoil(&mut setup);
+        Nonlinear::new(setup).map(drop).unwrap_err()
+    };
+    let spoilt = refused(|setup| setup.interactions[0].1.cutting_n = -1.0);
+    assert!(matches!(spoilt, InvalidSetup::Interaction { region: 2, .. }));
+    let spoilt = refused(|setup| {
+        setup.interactions[1].1.peak = Some(crate::mechanics::insertion::Peak {
+            density_n_per_mm: 1.0,
+            width_mm: 1.0,
+        });
+    });
+    assert_eq!(spoilt, InvalidSetup::Peak { region: 1 });
+    let spoilt = refused(|setup| setup.options.part_mm = 0.0);
+    assert!(matches!(spoilt, InvalidSetup::Number { key: "part_mm", .. }));
+    let spoilt = refused(|setup| setup.fixed.push((1_000_000, 0)));
+    assert!(matches!(spoilt, InvalidSetup::Fixed { node: 1_000_000, .. }));
+    let spoilt = refused(|setup| setup.shaft.length_mm = -1.0);
+    assert!(matches!(spoilt, InvalidSetup::Needle(_)));
+    assert!(matches!(refused(|setup| setup.laws.truncate(1)), InvalidSetup::Body(_)));
+    assert!(matches!(refused(|setup| setup.fixed.clear()), InvalidSetup::Solver(_)));
+    let spoilt = refused(|setup| {
+        setup.viscosity = Some(Viscosity {
+            order: 1.5,
+            memory: Memory::Rate,
+        });
+    });
+    assert!(matches!(spoilt, InvalidSetup::Memory(_)));
+}
+
+#[test]
+fn bone_on_the_way_is_found() {
+    let setup = setup(None);
+    let body = crate::mechanics::tissue::nonlinear::Solid::tetrahedra(&setup.mesh, &setup.laws).unwrap();
+    let (tip, direction) = (Point3::new(X, 14.3, -5.0), Vector3::z_axis());
+    let found = obstacle(&body, setup.mesh.regions(), &tip, &direction, 40.0, |region| {
+        region == 2
+    });
+    let (region, at) = found.unwrap();
+    // The layer's elements have their middles within it: they begin within one row of the mesh of it.
+    assert!(region == 2 && (12.0..17.0).contains(&at), "{at}");
+    let short = obstacle(&body, setup.mesh.regions(), &tip, &direction, 5.0, |region| region == 2);
+    assert_eq!(short, None);
+}

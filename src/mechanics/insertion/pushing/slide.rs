@@ -1,0 +1,177 @@
+//! Where the tip comes to: pushing, cutting, sliding in its channel, or held.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Phase, Pushing, frictions};
+use crate::mechanics::tissue::nonlinear::Contact;
+
+/// Travel that counts as none, mm.
+const STILL_MM: f64 = 1e-9;
+
+/// Halvings of the way that the tip is looked for on: to rounding.
+const HALVINGS: usize = 60;
+
+/// Where the needle is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(in crate::mechanics::insertion) struct At {
+    pub phase: Phase,
+    /// How far the tip has come beyond the entry, mm.
+    pub travel_mm: f64,
+    /// How deep it is in the tissue, in the reference state, mm.
+    pub depth_mm: f64,
+    /// How deep it has been, mm.
+    pub cut_mm: f64,
+    /// What it does where tissue is whole: at `cut_mm`.
+    pub whole: Phase,
+    /// Whether the shaft slides out.
+    pub outward: bool,
+    /// Force of tip and shaft against the way in, N.
+    pub tip_n: f64,
+    pub shaft_n: f64,
+    /// Force of the tip when the needle stopped, N.
+    pub held_tip_n: f64,
+}
+
+impl At {
+    /// Before the first membrane.
+    pub fn before() -> At {
+        At {
+            whole: Phase::Pushing(0),
+            ..At::default()
+        }
+    }
+}
+
+impl<const D: usize, const N: usize> Pushing<D, N> {
+    /// Where the needle is next, its tip at `travel_mm` and the tissue displaced as it is.
+    pub(super) fn advance(&self, travel_mm: f64) -> At {
+        let now = &self.at;
+        let mut next = At { travel_mm, ..*now };
+        let moved = travel_mm - now.travel_mm;
+        let in_tissue = now.depth_mm > 0.0 || matches!(now.phase, Phase::Cutting(_));
+        let goes_on = if now.outward { -moved } else { moved } > STILL_MM;
+        if in_tissue && !goes_on && now.phase != Phase::Held {
+            if now.tip_n + now.shaft_n.abs() > 0.0 {
+                next.phase = Phase::Held;
+                next.held_tip_n = now.tip_n;
+            } else if moved.abs() > STILL_MM {
+                // Nothing holds it.
+                next.phase = Phase::Free;
+                next.outward = moved < 0.0;
+            }
+        }
+        match next.phase {
+            Phase::Free if next.depth_mm == 0.0 && !next.outward => {
+                if self.place(0.0) < travel_mm && self.line.length() > 0.0 {
+                    self.slide_in(&mut next);
+                }
+            }
+            Phase::Free if next.outward => self.slide_out(&mut next),
+            Phase::Free => self.slide_in(&mut next),
+            Phase::Cutting(layer) => self.cut(&mut next, layer),
+            Phase::Pushing(_) | Phase::Held => {}
+        }
+        next
+    }
+
+    /// Where tissue of a depth is now, mm beyond the entry.
+    fn place(&self, depth: f64) -> f64 {
+        depth + self.along(depth)
+    }
+
+    /// The depth whose tissue is at the tip, between two.
+    fn depth_at(&self, travel_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.place(middle) < travel_mm {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
+    /// On through the channel, to where tissue is whole at most.
+    fn slide_in(&self, next: &mut At) {
+        if next.cut_mm == 0.0 || self.place(next.cut_mm) <= next.travel_mm {
+            (next.phase, next.depth_mm) = (next.whole, next.cut_mm);
+        } else {
+            next.depth_mm = self.depth_at(next.travel_mm, [next.depth_mm, next.cut_mm]);
+        }
+    }
+
+    /// Back through the channel, and out of it.
+    fn slide_out(&self, next: &mut At) {
+        if self.place(0.0) >= next.travel_mm {
+            (next.depth_mm, next.outward) = (0.0, false);
+        } else {
+            next.depth_mm = self.depth_at(next.travel_mm, [0.0, next.depth_mm]);
+        }
+    }
+
+    /// On through whole tissue, to the next layer or the far side.
+    fn cut(&self, next: &mut At, layer: usize) {
+        let below = self.layers.get(layer + 1).map_or(f64::INFINITY, |layer| layer.from_mm);
+        let end = below.min(self.line.length());
+        if self.place(end) > next.travel_mm {
+            // Cut tissue stays cut: the tip is not above where it was.
+            next.depth_mm = self.depth_at(next.travel_mm, [next.depth_mm, end]);
+        } else {
+            next.depth_mm = end;
+            next.phase = if end < below {
+                Phase::Free
+            } else if self.layers[layer + 1].membrane_n > 0.0 {
+                Phase::Pushing(layer + 1)
+            } else {
+                Phase::Cutting(layer + 1)
+            };
+        }
+        (next.cut_mm, next.whole) = (next.depth_mm, next.phase);
+    }
+
+    /// Friction along the shaft when it slides and what holds it at rest, all together, N.
+    fn friction_n(&self, depth_mm: f64) -> [f64; 2] {
+        frictions(&self.line, &self.layers, depth_mm)
+            .fold([0.0; 2], |[sum, held], (_, force, most)| [sum + force, held + most])
+    }
+
+    /// The share of the tip in what a held needle bears, as it was when the needle stopped: but a needle does not pull with its tip.
+    fn held_tip(&self, next: &At) -> f64 {
+        let pulls = self.at.phase == Phase::Held && self.at.tip_n + self.at.shaft_n <= 0.0;
+        if pulls { 0.0 } else { next.held_tip_n.max(0.0) }
+    }
+
+    /// All tissue that the needle holds, as one: the mean of its displacements, each weighed by its share of the force, goes with
+    /// the needle, by `moved` mm.
+    pub(super) fn held(&self, next: &At, moved: f64) -> Contact {
+        let tip = self.held_tip(next);
+        let [friction, _] = self.friction_n(next.depth_mm);
+        let scale = 1.0 / (tip + friction);
+        let tip = (self.line.contact(self.body(), next.depth_mm, 0.0), tip);
+        let shaft = frictions(&self.line, &self.layers, next.depth_mm).map(|(point, force, _)| (point, force));
+        let mut contact = Contact::default();
+        for (point, force) in shaft.chain([(&tip.0, tip.1)]).filter(|(_, force)| *force > 0.0) {
+            let shares = point.weights.iter().map(|&(dof, weight)| (dof, weight * force * scale));
+            contact.weights.extend(shares);
+        }
+        contact.place_mm = contact.along(self.structure.displacement()) + moved;
+        contact
+    }
+
+    /// Shares the force of a held needle between tip and shaft, and lets it slide if that is too much.
+    pub(super) fn share(&self, next: &mut At) {
+        let force = self.structure.contact_force();
+        let tip = self.held_tip(next);
+        let [friction, most] = self.friction_n(next.depth_mm);
+        next.tip_n = force * tip / (tip + friction);
+        next.shaft_n = force - next.tip_n;
+        if force >= next.held_tip_n + most && next.travel_mm > self.at.travel_mm + STILL_MM {
+            let whole = next.depth_mm >= next.cut_mm;
+            next.phase = if whole { next.whole } else { Phase::Free };
+            next.outward = false;
+        } else if force <= -most {
+            (next.phase, next.outward) = (Phase::Free, true);
+        }
+    }
+}
