@@ -6,6 +6,7 @@
 mod abdomen;
 mod dent;
 mod geometry;
+mod liver_vein;
 mod noise;
 mod paint;
 mod prostate;
@@ -41,6 +42,9 @@ pub enum Phantom {
     /// The inclusion phantom of paper 3: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
     /// 0.5 mm voxels by default.
     TwoLayer,
+    /// A liver that lies bare, its inferior vena cava across the image, after the experiment of the liver paper.
+    /// 110 x 74 x 48 mm, 0.5 mm voxels by default.
+    LiverVein,
 }
 
 /// How a phantom is made.
@@ -89,7 +93,7 @@ pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, Phan
         Phantom::Abdomen => 1.0,
         Phantom::Prostate => 0.6,
         Phantom::Spine => 0.8,
-        Phantom::TwoLayer => 0.5,
+        Phantom::TwoLayer | Phantom::LiverVein => 0.5,
     });
     let [finest, coarsest] = RESOLUTION_RANGE_MM;
     if !(finest..=coarsest).contains(&resolution_mm) {
@@ -100,6 +104,7 @@ pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, Phan
         Phantom::Prostate => prostate::make(resolution_mm, options.seed),
         Phantom::Spine => spine::make(resolution_mm, options.seed),
         Phantom::TwoLayer => two_layer::make(resolution_mm),
+        Phantom::LiverVein => liver_vein::make(resolution_mm),
     }
 }
 
@@ -110,6 +115,7 @@ pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
         Phantom::Prostate => prostate::labels::TABLE,
         Phantom::Spine => spine::labels::TABLE,
         Phantom::TwoLayer => two_layer::labels::TABLE,
+        Phantom::LiverVein => liver_vein::labels::TABLE,
     }
 }
 
@@ -123,12 +129,14 @@ pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
 ///   The skin bears the dent of this probe.
 /// - two-layer: linear, 38 mm wide, depth 75 mm, on the face opposite to that where the needle enters (paper 3, "Experimental
 ///   setup").
+/// - liver-vein: curvilinear, radius 20 mm, 75 degrees, depth 62 mm, on the capsule, the vein across the image.
 pub fn default_pose(kind: Phantom) -> Matrix4<f64> {
     match kind {
         Phantom::Abdomen => abdomen::pose(),
         Phantom::Prostate => prostate::pose(),
         Phantom::Spine => spine::pose(),
         Phantom::TwoLayer => two_layer::pose(),
+        Phantom::LiverVein => liver_vein::pose(),
     }
 }
 

@@ -10,7 +10,16 @@ type Case<T> = (Phantom, &'static [T]);
 /// Radius, half angle in degrees and depth of a fan.
 type View = [f64; 3];
 
-const KINDS: [Phantom; 4] = [Phantom::Abdomen, Phantom::Prostate, Phantom::Spine, Phantom::TwoLayer];
+const KINDS: [Phantom; 5] = [
+    Phantom::Abdomen,
+    Phantom::Prostate,
+    Phantom::Spine,
+    Phantom::TwoLayer,
+    Phantom::LiverVein,
+];
+
+/// Those of exact solids, which no seed changes.
+const EXACT: [Phantom; 2] = [Phantom::TwoLayer, Phantom::LiverVein];
 
 fn made(kind: Phantom, resolution_mm: f64, seed: u64) -> LabelVolume {
     let options = PhantomOptions {
@@ -43,7 +52,7 @@ fn the_same_seed_gives_the_same_bytes_at_any_thread_count() {
         let (one, three) = (threads(1), threads(3));
         assert_eq!(one.voxels(), three.voxels(), "{kind:?}");
         assert_eq!(one.labels(), three.labels());
-        if kind != Phantom::TwoLayer {
+        if !EXACT.contains(&kind) {
             assert_ne!(
                 one.voxels(),
                 made(kind, 3.0, 8).voxels(),
@@ -79,7 +88,7 @@ fn labels_are_numbered_from_one_and_named_once() {
 /// Ranges for adults, ml; organs that the box cuts have theirs from the part inside.
 #[test]
 fn organs_have_the_size_of_real_ones() {
-    let cases: [Case<(&str, f64, f64)>; 4] = [
+    let cases: [Case<(&str, f64, f64)>; 5] = [
         (
             Phantom::Abdomen,
             &[
@@ -118,9 +127,11 @@ fn organs_have_the_size_of_real_ones() {
         // Sphere and cylinder of radius 15 mm and length 20 mm (28.27 ml), and 25 mm of a cylinder of radius 6 mm (2.83 ml
         // and a little where its end is hollow).
         (Phantom::TwoLayer, &[("phantom_inclusion", 31.0, 31.3)]),
+        // A cylinder of half axes 11 and 6.5 mm, 48 mm long.
+        (Phantom::LiverVein, &[("vessel", 10.70, 10.86)]),
     ];
     for (kind, ranges) in cases {
-        let resolution_mm = if kind == Phantom::TwoLayer { 0.5 } else { 2.0 };
+        let resolution_mm = if EXACT.contains(&kind) { 0.5 } else { 2.0 };
         let found = millilitres(&made(kind, resolution_mm, 3));
         for (name, low, high) in ranges {
             let ml = found[*name];
@@ -132,7 +143,7 @@ fn organs_have_the_size_of_real_ones() {
 /// Bulky parts only: thin shells, and slabs across the grid, are sampled by chance.
 #[test]
 fn two_resolutions_agree() {
-    let cases: [Case<&str>; 4] = [
+    let cases: [Case<&str>; 5] = [
         (
             Phantom::Abdomen,
             &[
@@ -161,6 +172,7 @@ fn two_resolutions_agree() {
         ),
         (Phantom::Spine, &["fat", "muscle", "bone", "csf", "vessel"]),
         (Phantom::TwoLayer, &["phantom_top", "phantom_inclusion"]),
+        (Phantom::LiverVein, &["liver", "vessel"]),
     ];
     for (kind, names) in cases {
         let (coarse, fine) = (millilitres(&made(kind, 2.0, 5)), millilitres(&made(kind, 1.0, 5)));

@@ -118,6 +118,10 @@ fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, crate::tracking::probe
             let (radius_mm, angle_deg) = (60.0, 60.0);
             (ProbeShape::Curvilinear { radius_mm, angle_deg }, 100.0)
         }
+        Some(Phantom::LiverVein) => {
+            let (radius_mm, angle_deg) = (20.0, 75.0);
+            (ProbeShape::Curvilinear { radius_mm, angle_deg }, 62.0)
+        }
         Some(Phantom::TwoLayer) => (ProbeShape::Linear { width_mm: 38.0 }, 75.0),
     };
     Probe::new(shape, depth_mm)
