@@ -41,6 +41,7 @@ pub mod record;
 mod regions;
 mod resolve;
 pub mod run;
+mod stiffened;
 mod summary;
 #[cfg(test)]
 mod tests;
@@ -59,6 +60,7 @@ pub use plan::{Deposit, Guide, Target};
 pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
 pub use probe::Contact;
 pub use resolve::{Modelling, Scenario, Timing};
+pub use stiffened::{StepSolverSpec, Stiffened, TissueViscositySpec};
 pub use summary::{Happened, Reached, Seed, StepMs, Summary};
 pub use tissue::{
     BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, RegionName,
@@ -68,6 +70,7 @@ pub use tissue::{
 /// The scenarios that come with the crate, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[
     ("liver-biopsy", include_str!("../assets/liver-biopsy.toml")),
+    ("liver-puncture", include_str!("../assets/liver-puncture.toml")),
     (
         "prostate-brachytherapy",
         include_str!("../assets/prostate-brachytherapy.toml"),

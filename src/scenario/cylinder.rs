@@ -76,7 +76,7 @@ impl ScenarioFile {
             return match spec.cylinder {
                 None => Ok(None),
                 Some(_) => {
-                    let found = "`cylinder` of a finite element model";
+                    let found = "`cylinder` of a model of elements";
                     Err(self.wrong_keys("tissue.cylinder", found, "`model = \"mass-spring\"`"))
                 }
             };

@@ -2,15 +2,16 @@
 
 use super::file::{ScenarioFile, VERSION};
 use crate::document::{Fault, Unreadable};
-use crate::mechanics::insertion::InvalidInteraction;
 use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
+use crate::mechanics::insertion::{InvalidInteraction, nonlinear};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::mesh::quality::UnusableMesh;
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::tissue::material::InvalidMaterial;
+use crate::mechanics::tissue::nonlinear::InvalidStiffening;
 use crate::mechanics::tissue::rigid::RigidError;
 use crate::scene::{Problem, SceneError};
 use crate::statics;
@@ -88,6 +89,12 @@ pub enum Wrong {
     /// No model can be made of the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
+    /// No model can be made of tissue that stiffens.
+    #[error(transparent)]
+    Stiffened(#[from] nonlinear::InvalidSetup),
+    /// Tissue stiffens as none can.
+    #[error(transparent)]
+    Stiffening(#[from] InvalidStiffening),
     /// No masses and springs can be made.
     #[error(transparent)]
     Springs(#[from] InvalidParameters),

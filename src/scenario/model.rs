@@ -9,10 +9,11 @@ use super::error::{ScenarioError, Wrong};
 use super::instruments::BevelSpec;
 use super::needle::Bending;
 use super::resolve::Scenario;
+use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
-use crate::mechanics::insertion::Model;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
+use crate::mechanics::insertion::{Model, nonlinear};
 use crate::mechanics::needle::{
     Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
 };
@@ -40,6 +41,9 @@ impl Scenario {
             let springs = MassSpring::new(parameters, Box::new(labels), needle);
             return Ok(Box::new(springs.map_err(|error| self.file.spring_fault(error))?));
         }
+        if let Some(stiffened) = &self.stiffened {
+            return self.stiffened(stiffened);
+        }
         let dense = self.modelling.columns == ColumnsName::Dense;
         let setup = Setup {
             mesh: (*self.mesh).clone(),
@@ -62,11 +66,29 @@ impl Scenario {
         Ok(Box::new(finite))
     }
 
-    fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
-        let shaft = Shaft {
+    fn shaft(&self) -> Shaft {
+        Shaft {
             length_mm: self.needle.length_mm,
             radius_mm: self.needle.diameter_mm / 2.0,
+        }
+    }
+
+    fn stiffened(&self, stiffened: &Stiffened) -> Result<Box<dyn Model>, ScenarioError> {
+        let setup = nonlinear::Setup {
+            mesh: Arc::clone(&self.mesh),
+            laws: stiffened.laws.clone(),
+            fixed: self.fixed.clone(),
+            interactions: self.interactions.clone(),
+            shaft: self.shaft(),
+            viscosity: stiffened.viscosity,
+            options: stiffened.options,
         };
+        let model = nonlinear::Nonlinear::new(setup);
+        Ok(Box::new(model.map_err(|error| self.file.fault("tissue", error))?))
+    }
+
+    fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+        let shaft = self.shaft();
         let bevelled = |bevel: BevelSpec| Bevel {
             r_mm: bevel.r_mm,
             length_mm: bevel.length_mm,

@@ -8,6 +8,7 @@ use super::tissue::{MaterialSpec, RegionName};
 use crate::document::nearest;
 use crate::mechanics::insertion::{Bone, Interaction};
 use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::scene::{Body, Scene};
 use crate::tissue::Tissue;
 
@@ -31,6 +32,8 @@ pub(super) struct Regions<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Region {
     pub material: Material,
+    /// The same, with how it stiffens.
+    pub law: Stiffening,
     pub interaction: Interaction,
     pub rigid: bool,
 }
@@ -141,9 +144,15 @@ impl<'a> Regions<'a> {
             self.file.fault(format!("{table}.{within}{}", error.key), error)
         })?;
         let material = Material::new(spec.young_kpa.unwrap_or(1.0), spec.poisson.unwrap_or(0.0));
-        material
-            .map(drop)
-            .map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))
+        let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))?;
+        self.law(table, spec, material).map(drop)
+    }
+
+    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, ScenarioError> {
+        let (Some(knee), Some(rate)) = (spec.knee_strain, spec.stiffening) else {
+            return Ok(Stiffening::linear(material));
+        };
+        Stiffening::new(material, knee, rate).map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
     }
 
     fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, ScenarioError> {
@@ -173,6 +182,7 @@ impl<'a> Regions<'a> {
             ..Interaction::default()
         };
         Ok(Region {
+            law: self.law(&table, spec, material)?,
             material,
             interaction: spec.interaction(&usual),
             rigid,

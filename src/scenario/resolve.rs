@@ -13,12 +13,14 @@ use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
+use super::stiffened::Stiffened;
 use super::tissue::{ColumnsName, TissueModel};
 use crate::document::nearest;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::quality::QualitySpec;
 use crate::scene::{self, EXAMPLES, Scene, SceneFile};
@@ -76,6 +78,8 @@ pub struct Scenario {
     pub mesh: Arc<TetMesh>,
     /// The cylinder of masses and springs, if tissue is one. Then only `interactions` speak of regions, those of the volume.
     pub cylinder: Option<Parameters>,
+    /// Tissue that stiffens, if it does.
+    pub stiffened: Option<Stiffened>,
     /// The material of each element.
     pub materials: Vec<Material>,
     /// Node and axis of each displacement that is held, ascending.
@@ -145,6 +149,7 @@ impl Scenario {
 struct Made {
     mesh: Arc<TetMesh>,
     cylinder: Option<Parameters>,
+    laws: Vec<Stiffening>,
     materials: Vec<Material>,
     fixed: Vec<(u32, u8)>,
     interactions: Vec<(i32, Interaction)>,
@@ -170,6 +175,7 @@ impl ScenarioFile {
         let dt_s = self.step_s()?;
         let frame_s = self.frame_s()?;
         let modelling = self.modelling()?;
+        let stiffening = self.stiffening()?;
         let needle = self.needle_settings()?;
         let Moving {
             needle: moving,
@@ -214,8 +220,16 @@ impl ScenarioFile {
             Some(parameters) => self.springs_of(&scene, parameters)?,
             None => self.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
         };
+        if stiffening.is_some() {
+            self.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, &tissue.interactions)?;
+        }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
+            stiffened: stiffening.map(|(viscosity, options)| Stiffened {
+                laws: tissue.laws,
+                viscosity,
+                options,
+            }),
             mesh: tissue.mesh,
             materials: tissue.materials,
             fixed: tissue.fixed,
@@ -257,6 +271,7 @@ impl ScenarioFile {
         let of_elements = meshed.mesh.regions().iter();
         Ok(Made {
             cylinder: None,
+            laws: of_elements.clone().map(|region| made_of[region].law).collect(),
             materials: of_elements.map(|region| made_of[region].material).collect(),
             interactions: made_of.iter().map(|(region, of)| (*region, of.interaction)).collect(),
             region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
@@ -292,6 +307,7 @@ impl ScenarioFile {
         Ok(Made {
             mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
             cylinder: Some(parameters),
+            laws: Vec::new(),
             materials: Vec::new(),
             fixed: Vec::new(),
             interactions,

@@ -8,6 +8,7 @@ use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::cylinder::CylinderSpec;
+use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -39,6 +40,10 @@ pub struct TissueSpec {
     pub columns: Option<ColumnsName>,
     /// The cylinder of a mass-spring model.
     pub cylinder: Option<CylinderSpec>,
+    /// How steps of a nonlinear or viscoelastic model are solved.
+    pub solver: Option<StepSolverSpec>,
+    /// The viscosity of a viscoelastic model.
+    pub viscosity: Option<TissueViscositySpec>,
     /// What regions are made of, where they differ from the scene's tissues.
     pub material: Vec<MaterialSpec>,
     /// Nodes that do not move.
@@ -54,6 +59,11 @@ pub enum TissueModel {
     FiniteElement,
     /// Masses and springs in a cylinder around the path of the needle (training system paper).
     MassSpring,
+    /// Finite elements that stiffen above a knee of strain (`knee_strain` and `stiffening` of a material), pushed, punctured and cut by
+    /// a rigid needle that goes straight (liver paper).
+    Nonlinear,
+    /// As `nonlinear`, and viscous of a fractional order.
+    Viscoelastic,
 }
 
 /// Levels of remeshing: see `docs/remeshing.md`.
@@ -167,6 +177,11 @@ pub struct MaterialSpec {
     pub young_kpa: Option<f64>,
     /// Poisson's ratio (above -1, below 0.5).
     pub poisson: Option<f64>,
+    /// Nonlinear and viscoelastic models: the relative strain above which it stiffens (0 or more). Default: it never does. In simple
+    /// shear the relative strain is 0.866 of the shear.
+    pub knee_strain: Option<f64>,
+    /// With `knee_strain`: how fast, a in E (1 + a (e - knee)^2) (0 or more).
+    pub stiffening: Option<f64>,
     /// Sliding friction of the shaft, N for each mm of it (0 or more).
     pub friction_n_per_mm: Option<f64>,
     /// Static over sliding friction (1 or more). Default 1.

@@ -85,6 +85,27 @@ fn bone_stops_a_needle_at_the_spine() {
     assert!(number(&summary["max_inserted_mm"]) > 30.0);
 }
 
+/// Tissue that stiffens and creeps, coarse: force rises and drops at the capsule and at the wall of the vein. What it cannot have is
+/// shown in the file.
+#[test]
+fn a_needle_punctures_the_liver_and_its_vein() {
+    let text = ready("liver-puncture")
+        .replace("nodes = 1200", "nodes = 400")
+        .replace("dt_ms = 40.0", "dt_ms = 80.0")
+        .replace("\"liver-vein\"", "\"liver-vein\"\nresolution_mm = 2.0");
+    let bench = Bench::new();
+    bench.write("ready.toml", &text);
+    let summary = bench.run("insert ready.toml -o out --json -q").json();
+    let found = kinds(&summary);
+    assert_eq!(found, ["skin", "puncture", "puncture", "region"], "{summary}");
+    assert!((0.6..0.9).contains(&number(&summary["max_base_force_n"])), "{summary}");
+    let bent = text.replace("diameter_mm = 1.0", "diameter_mm = 1.0\nmodel = \"beam\"");
+    bench.write("bent.toml", &bent);
+    bench
+        .run("insert bent.toml -o bent")
+        .fails(2, &["bent.toml", "model = \"beam\"", "goes through straight"]);
+}
+
 #[test]
 fn a_segmentation_of_a_patient_takes_a_needle() {
     let text = ready("segmentation-biopsy");
