@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use insonify::output::atomic;
-use insonify::study::puncture::{PunctureOptions, curves, puncture};
+use insonify::study::puncture::fit::{self, Fitted};
+use insonify::study::puncture::{self, PunctureOptions, curves, puncture};
+use serde::Serialize;
 
 use super::failure::Failure;
 use super::terminal;
@@ -20,6 +22,7 @@ Examples:
   insonify puncture -o out                   force.csv, force.svg and pictures of the slice
   insonify puncture --compare -o out         linear and elastic tissue in the same plot
   insonify puncture --order 0 --stiffening 0 linear tissue
+  insonify puncture --fit measured.csv       modulus, knee and stiffening that fit a measured force, and the puncture with them
 
 The modulus and its stiffening, the thickness and all forces are choices, made for the shape of the curve measured in the liver
 paper; of its tissue the knee and the order are known.";
@@ -58,10 +61,13 @@ pub struct Puncture {
     /// Elastic and linear tissue beside it, in the plot
     #[arg(long)]
     compare: bool,
+    /// CSV file with columns travel_mm and force_n: modulus, knee and stiffening are fitted to its first push, from those given on
+    #[arg(long, value_name = "CSV")]
+    fit: Option<PathBuf>,
     /// Folder for force.csv, force.svg and pictures of the slice; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Print one JSON object to standard output: `options`, and `rows`, one a step
+    /// Print one JSON object to standard output: `options`, and `rows`, one a step; with --fit also `fit`
     #[arg(long)]
     json: bool,
     /// Say nothing but results, warnings and errors
@@ -71,7 +77,7 @@ pub struct Puncture {
 
 impl Puncture {
     pub fn run(&self) -> Result<(), Failure> {
-        let options = PunctureOptions {
+        let mut options = PunctureOptions {
             young_kpa: self.young_kpa,
             knee_strain: self.knee_strain,
             stiffening: self.stiffening,
@@ -83,6 +89,19 @@ impl Puncture {
             wall_n: self.wall_n,
             ..PunctureOptions::default()
         };
+        let fitted = self
+            .fit
+            .as_deref()
+            .map(|path| self.fitted(path, &options))
+            .transpose()?;
+        if let Some(fitted) = &fitted {
+            options = PunctureOptions {
+                young_kpa: fitted.young_kpa,
+                knee_strain: fitted.knee_strain,
+                stiffening: fitted.stiffening,
+                ..options
+            };
+        }
         let mut all = vec![(name(&options), options)];
         if self.compare {
             all.push(("elastic", PunctureOptions { order: 0.0, ..options }));
@@ -119,11 +138,47 @@ impl Puncture {
             }
         }
         if self.json {
-            terminal::emit_json(asked)
+            terminal::emit_json(&Told {
+                fit: fitted.as_ref(),
+                puncture: asked,
+            })
         } else {
-            terminal::emit(&asked.text())
+            let fitted = fitted.as_ref().map(text).unwrap_or_default();
+            terminal::emit(&(fitted + &asked.text()))
         }
     }
+
+    fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {
+        let samples = fit::read(path)?;
+        let bar = terminal::share(self.quiet);
+        bar.set_message("fitting");
+        let fitted = fit::fit(options, &samples, |share| {
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        Ok(fitted?)
+    }
+}
+
+/// What is printed for programs.
+#[derive(Serialize)]
+struct Told<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fit: Option<&'a Fitted>,
+    #[serde(flatten)]
+    puncture: &'a puncture::Puncture,
+}
+
+fn text(fitted: &Fitted) -> String {
+    format!(
+        "fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
+        fitted.samples.len(),
+        fitted.young_kpa,
+        fitted.knee_strain,
+        fitted.stiffening,
+        fitted.r_squared,
+        fitted.rms_n
+    )
 }
 
 fn name(options: &PunctureOptions) -> &'static str {

@@ -7,13 +7,14 @@
 //! therefore choices, made for a curve of the shape of figure 12: none is a measurement.
 
 mod draw;
+pub mod fit;
 mod liver;
+mod report;
 #[cfg(test)]
 mod tests;
 
 use serde::Serialize;
 
-use super::plot::{Axis, Marker, Plot, PlotError, Series};
 use crate::mechanics::insertion::pushing::{InvalidWay, Phase, Pushing};
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
@@ -22,6 +23,7 @@ use crate::mechanics::tissue::nonlinear::{
 };
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 use liver::Liver;
+pub use report::curves;
 
 /// The needle's way, mm.
 const WAY_MM: f64 = 40.0;
@@ -102,6 +104,16 @@ pub enum PunctureError {
     /// The slice cannot be factored.
     #[error(transparent)]
     Nonlinear(#[from] NonlinearError),
+    /// A measured curve that is none.
+    #[error("{place}: found {found}; expected {expected}")]
+    Curve {
+        /// The file, with the line where there is one.
+        place: String,
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: &'static str,
+    },
     /// A step cannot be solved.
     #[error("at {travel_mm} mm: {cause}")]
     Step {
@@ -162,34 +174,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
             expected,
         });
     }
-    let liver = Liver::new(options)?;
-    let solving = Options {
-        scheme: Scheme::MODIFIED,
-        tolerance: 1e-6,
-        iterations: 400,
-    };
-    let solver = Solver::new(liver.body.clone(), liver.supports.clone(), solving)?;
-    let structure = if options.order == 0.0 {
-        Structure::Elastic(Box::new(solver))
-    } else {
-        let span = Span {
-            shortest_s: 0.99 * step / speed,
-            longest_s: 1.01 * (steps + 1.0) * step / speed,
-            ..Span::default()
-        };
-        let loads = vec![0.0; solver.supports().all()];
-        let creep = Creep::new(
-            solver,
-            Memory::LoadIntegral,
-            options.order,
-            Rule::Exponentials(span),
-            &loads,
-        );
-        Structure::Viscous(Box::new(
-            creep.map_err(|cause| PunctureError::Step { travel_mm: 0.0, cause })?,
-        ))
-    };
-    let mut needle = Pushing::new(structure, liver.entry, [0.0, -1.0], liver.layers.clone())?;
+    let (liver, mut needle) = pushing(options, steps)?;
     let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
     let mut rows = vec![Row {
         travel_mm: 0.0,
@@ -241,6 +226,41 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
     })
 }
 
+/// The slice, and a needle before it that will take so many steps.
+fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3>), PunctureError> {
+    let step = positive("step_mm", options.step_mm)?;
+    let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
+    let liver = Liver::new(options)?;
+    let solving = Options {
+        scheme: Scheme::MODIFIED,
+        tolerance: 1e-6,
+        iterations: 400,
+    };
+    let solver = Solver::new(liver.body.clone(), liver.supports.clone(), solving)?;
+    let structure = if options.order == 0.0 {
+        Structure::Elastic(Box::new(solver))
+    } else {
+        let span = Span {
+            shortest_s: 0.99 * step / speed,
+            longest_s: 1.01 * (steps + 1.0) * step / speed,
+            ..Span::default()
+        };
+        let loads = vec![0.0; solver.supports().all()];
+        let creep = Creep::new(
+            solver,
+            Memory::LoadIntegral,
+            options.order,
+            Rule::Exponentials(span),
+            &loads,
+        );
+        Structure::Viscous(Box::new(
+            creep.map_err(|cause| PunctureError::Step { travel_mm: 0.0, cause })?,
+        ))
+    };
+    let needle = Pushing::new(structure, liver.entry, [0.0, -1.0], liver.layers.clone())?;
+    Ok((liver, needle))
+}
+
 fn positive(what: &'static str, found: f64) -> Result<f64, PunctureError> {
     if found.is_finite() && found > 0.0 {
         Ok(found)
@@ -248,59 +268,4 @@ fn positive(what: &'static str, found: f64) -> Result<f64, PunctureError> {
         let expected = "a finite number above 0";
         Err(PunctureError::Number { what, found, expected })
     }
-}
-
-impl Puncture {
-    /// A table, a row a step.
-    pub fn csv(&self) -> String {
-        let mut text = "travel_mm,time_s,force_n,tip_n,depth_mm,vein_mm,punctured\n".to_owned();
-        for row in &self.rows {
-            let punctured = row.punctured.map_or(String::new(), |layer| layer.to_string());
-            text += &format!(
-                "{},{},{},{},{},{},{punctured}\n",
-                row.travel_mm, row.time_s, row.force_n, row.tip_n, row.depth_mm, row.vein_mm
-            );
-        }
-        text
-    }
-
-    /// What happened at the punctures, in words.
-    pub fn text(&self) -> String {
-        let mut text = String::new();
-        for (at, row) in self.rows.iter().enumerate() {
-            let Some(layer) = row.punctured else { continue };
-            let after = self.rows.get(at + 1).map_or(row.force_n, |row| row.force_n);
-            text += &format!(
-                "{:<10} punctured at {:>5.1} mm: {:.3} N, then {after:.3} N; the vein is {:.1} mm high\n",
-                NAMES.get(layer).copied().unwrap_or("layer"),
-                row.travel_mm,
-                row.force_n,
-                row.vein_mm
-            );
-        }
-        text
-    }
-}
-
-/// Force over the needle's way of several runs.
-///
-/// # Errors
-/// [`PlotError`].
-pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
-    let series = runs.iter().enumerate().map(|(colour, (name, run))| Series {
-        name: (*name).to_owned(),
-        points: run.rows.iter().map(|row| [row.travel_mm, row.force_n]).collect(),
-        joined: true,
-        marker: Marker::None,
-        colour,
-    });
-    let plot = Plot {
-        title: "A needle pushes, punctures and cuts".to_owned(),
-        x: Axis::linear("way of the needle, mm"),
-        y: Axis::linear("force on the needle, N"),
-        series: series.collect(),
-        markers: Vec::new(),
-        front: Vec::new(),
-    };
-    plot.svg()
 }

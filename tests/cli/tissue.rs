@@ -23,6 +23,26 @@ fn a_puncture_is_told_and_written() {
     }
 }
 
+/// A curve that the slice itself has made is met; one that is none is shown.
+#[test]
+fn a_measured_force_is_fitted() {
+    let bench = Bench::new();
+    bench
+        .run("puncture --order 0 --young-kpa 3 --step-mm 1.5 --quiet -o made")
+        .text();
+    let json = bench
+        .run("puncture --order 0 --step-mm 1.5 --fit made/force.csv --quiet --json")
+        .json();
+    let young = json["fit"]["young_kpa"].as_f64().expect("a modulus");
+    assert!((young / 3.0 - 1.0).abs() < 0.02, "{}", json["fit"]);
+    assert!(json["fit"]["r_squared"].as_f64().expect("a number") > 0.9999);
+    assert_eq!(json["options"]["young_kpa"], json["fit"]["young_kpa"]);
+    bench.write("bad.csv", "travel_mm,force_n\n1,2\n2,x\n");
+    bench
+        .run("puncture --fit bad.csv")
+        .fails(2, &["bad.csv, line 3", "`x`"]);
+}
+
 #[test]
 fn schemes_are_measured_and_full_newton_is_exact() {
     let json = Bench::new()

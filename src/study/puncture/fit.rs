@@ -1,0 +1,267 @@
+//! Modulus, knee and stiffening of the slice that fit a measured force on a needle (section 4.2.2 of the liver paper, which fitted E0,
+//! e0 and a by hand).
+//!
+//! Only the first push counts, until the force drops, as in the paper. All forces of the slice are in proportion to the modulus: it
+//! follows from knee and stiffening by linear least squares, and those two are sought by the method of Levenberg and Marquardt, from
+//! the options' on. A curve that does not leave the straight line, or leaves it slowly, does not tell the two apart: the answer says
+//! how well it fits, not that no other would.
+
+use std::path::Path;
+
+use nalgebra::{Matrix2, Vector2};
+use serde::Serialize;
+
+use super::{PunctureError, PunctureOptions, pushing};
+
+/// Names of the columns.
+const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];
+/// The fewest points for three unknowns.
+const FEWEST: usize = 4;
+/// A force that falls to this share of the largest so far has dropped: a membrane is punctured.
+const DROP: f64 = 0.8;
+/// Iterations at most; the relative change of the squared residual that ends them; and its share of the squared forces that is none.
+const MOST: usize = 20;
+const SETTLED: f64 = 1e-4;
+const NONE: f64 = 1e-9;
+/// Difference that derivatives are taken over; forces are solved to 1e-6.
+const APART: f64 = 1e-3;
+/// The least knee and stiffening that are tried.
+const LEAST: [f64; 2] = [0.0, 1e-3];
+
+/// A point of a curve.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Sample {
+    /// The needle's way from the capsule at rest, mm.
+    pub travel_mm: f64,
+    /// Force on it, N.
+    pub force_n: f64,
+}
+
+/// What fits best.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Fitted {
+    /// E0, kPa (kPa s^order).
+    pub young_kpa: f64,
+    /// e0.
+    pub knee_strain: f64,
+    /// a.
+    pub stiffening: f64,
+    /// Coefficient of determination: 1 of a perfect fit.
+    pub r_squared: f64,
+    /// Root mean square of what is left, N.
+    pub rms_n: f64,
+    /// Points of the first push, as measured.
+    pub samples: Vec<Sample>,
+    /// The force of the fit at each.
+    pub force_n: Vec<f64>,
+    /// Iterations made.
+    pub iterations: usize,
+}
+
+/// Reads a curve from a CSV file with a header that names the columns `travel_mm` (ascending) and `force_n` among any others, such as
+/// the table that `insonify puncture` writes.
+///
+/// # Errors
+/// [`PunctureError::Curve`].
+pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
+    let name = path.display();
+    let wrong = |line: Option<u64>, found: String, expected| PunctureError::Curve {
+        place: line.map_or(name.to_string(), |line| format!("{name}, line {line}")),
+        found,
+        expected,
+    };
+    let text = std::fs::read(path).map_err(|error| wrong(None, error.to_string(), "a file that can be read"))?;
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(&text[..]);
+    let torn = |error: &csv::Error| {
+        let line = error.position().map(csv::Position::line);
+        wrong(line, error.to_string(), "as many cells as the header has")
+    };
+    let header = reader.headers().map_err(|error| torn(&error))?.clone();
+    let column = |name: &str| header.iter().position(|cell| cell == name);
+    let [Some(travel), Some(force)] = COLUMNS.map(column) else {
+        let found = format!("the header `{}`", header.iter().collect::<Vec<_>>().join(","));
+        return Err(wrong(Some(1), found, "columns `travel_mm` and `force_n`"));
+    };
+    let mut samples: Vec<Sample> = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|error| torn(&error))?;
+        let line = record.position().map(csv::Position::line);
+        let number = |at: usize| {
+            let found = record[at].parse::<f64>().ok().filter(|number| number.is_finite());
+            found.ok_or_else(|| wrong(line, format!("`{}`", &record[at]), "a finite number"))
+        };
+        let sample = Sample {
+            travel_mm: number(travel)?,
+            force_n: number(force)?,
+        };
+        if samples.last().is_some_and(|last| sample.travel_mm <= last.travel_mm) {
+            let found = format!("{} mm", sample.travel_mm);
+            return Err(wrong(line, found, "a way that is longer from line to line"));
+        }
+        samples.push(sample);
+    }
+    Ok(samples)
+}
+
+/// Fits the slice to a curve, from the options' knee and stiffening on. `progress` hears the share that is done.
+///
+/// # Errors
+/// [`PunctureError`] for a curve with too few points before the force drops, and where the slice cannot be solved.
+pub fn fit(
+    options: &PunctureOptions,
+    samples: &[Sample],
+    mut progress: impl FnMut(f64),
+) -> Result<Fitted, PunctureError> {
+    let samples = first_push(samples)?;
+    let mut at = [options.knee_strain, options.stiffening.max(LEAST[1]).ln()];
+    let mut best = Trial::of(options, &samples, at)?;
+    let mut damping = 1e-3;
+    let mut iterations = 0;
+    let forces: f64 = samples.iter().map(|sample| sample.force_n * sample.force_n).sum();
+    while iterations < MOST && best.square() > NONE * forces {
+        progress(iterations as f64 / MOST as f64);
+        iterations += 1;
+        let mut columns = Vec::with_capacity(2);
+        for axis in 0..2 {
+            let mut beside = at;
+            beside[axis] += APART;
+            let trial = Trial::of(options, &samples, beside)?;
+            let pairs = trial.rest.iter().zip(&best.rest);
+            columns.push(pairs.map(|(there, here)| (there - here) / APART).collect::<Vec<f64>>());
+        }
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let normal = Matrix2::from_fn(|row, column| dot(&columns[row], &columns[column]));
+        let slope = Vector2::from_fn(|row, _| dot(&columns[row], &best.rest));
+        let before = best.square();
+        let mut gained = false;
+        for _ in 0..8 {
+            let damped = normal + Matrix2::from_diagonal(&(normal.diagonal() * damping));
+            let Some(step) = damped.try_inverse().map(|inverse| -(inverse * slope)) else {
+                break;
+            };
+            let next = [
+                (at[0] + step[0]).max(LEAST[0]),
+                (at[1] + step[1]).clamp(LEAST[1].ln(), 1e4f64.ln()),
+            ];
+            // A slice that cannot be solved is no better.
+            match Trial::of(options, &samples, next) {
+                Ok(trial) if trial.square() < before => {
+                    (at, best, gained) = (next, trial, true);
+                    damping = (0.2 * damping).max(1e-12);
+                    break;
+                }
+                _ => damping *= 5.0,
+            }
+        }
+        if !gained || before - best.square() < SETTLED * before {
+            break;
+        }
+    }
+    progress(1.0);
+    let count = samples.len() as f64;
+    let mean = samples.iter().map(|sample| sample.force_n).sum::<f64>() / count;
+    let spread: f64 = samples.iter().map(|sample| (sample.force_n - mean).powi(2)).sum();
+    Ok(Fitted {
+        young_kpa: best.scale * options.young_kpa,
+        knee_strain: at[0],
+        stiffening: at[1].exp(),
+        r_squared: 1.0 - best.square() / spread,
+        rms_n: (best.square() / count).sqrt(),
+        force_n: samples
+            .iter()
+            .zip(&best.rest)
+            .map(|(sample, rest)| sample.force_n + rest)
+            .collect(),
+        samples,
+        iterations,
+    })
+}
+
+/// What lies on the needle's way before the force drops.
+fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, PunctureError> {
+    let mut largest = (0, 0.0);
+    for (at, sample) in samples.iter().enumerate() {
+        if sample.force_n >= largest.1 {
+            largest = (at, sample.force_n);
+        } else if sample.force_n < DROP * largest.1 {
+            break;
+        }
+    }
+    let pushed = samples
+        .iter()
+        .take(largest.0 + 1)
+        .filter(|sample| sample.travel_mm > 0.0);
+    let pushed: Vec<Sample> = pushed.copied().collect();
+    if pushed.len() < FEWEST || largest.1 <= 0.0 {
+        return Err(PunctureError::Curve {
+            place: "the curve".to_owned(),
+            found: format!("{} points beyond 0 mm before the force drops", pushed.len()),
+            expected: "at least 4, with a force above 0 N",
+        });
+    }
+    Ok(pushed)
+}
+
+/// A knee and a stiffening tried.
+struct Trial {
+    /// Of the modulus, that fits best.
+    scale: f64,
+    /// The force of the slice less that measured, N.
+    rest: Vec<f64>,
+}
+
+impl Trial {
+    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, PunctureError> {
+        let options = PunctureOptions {
+            knee_strain: knee,
+            stiffening: stiffening.exp(),
+            // It is pushed all the way.
+            capsule_n: f64::MAX,
+            ..*options
+        };
+        let way = samples[samples.len() - 1].travel_mm;
+        let steps = (way / options.step_mm).ceil();
+        let (_, mut needle) = pushing(&options, steps)?;
+        let mut curve = vec![[0.0, 0.0]];
+        for at in 1..=steps as usize {
+            let travel_mm = (at as f64 * options.step_mm).min(way);
+            // The last step is shorter, and takes as long: forces are those of the way.
+            let pushed = needle.step(travel_mm, options.step_mm / options.speed_mm_per_s);
+            let pushed = pushed.map_err(|cause| PunctureError::Step { travel_mm, cause })?;
+            curve.push([travel_mm, pushed.force_n]);
+        }
+        let model: Vec<f64> = samples.iter().map(|sample| between(&curve, sample.travel_mm)).collect();
+        let square: f64 = model.iter().map(|force| force * force).sum();
+        let product: f64 = model
+            .iter()
+            .zip(samples)
+            .map(|(force, sample)| force * sample.force_n)
+            .sum();
+        let scale = product / square;
+        let rest = model
+            .iter()
+            .zip(samples)
+            .map(|(force, sample)| scale * force - sample.force_n);
+        Ok(Trial {
+            scale,
+            rest: rest.collect(),
+        })
+    }
+
+    fn square(&self) -> f64 {
+        self.rest.iter().map(|rest| rest * rest).sum()
+    }
+}
+
+/// A curve at a place, linear between its points.
+fn between(curve: &[[f64; 2]], x: f64) -> f64 {
+    let after = curve.partition_point(|point| point[0] < x).clamp(1, curve.len() - 1);
+    let [[x0, y0], [x1, y1]] = [curve[after - 1], curve[after]];
+    y0 + (x - x0) / (x1 - x0) * (y1 - y0)
+}
+
+#[cfg(test)]
+mod tests;

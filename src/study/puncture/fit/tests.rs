@@ -1,0 +1,83 @@
+//! A curve with known numbers is fitted, and files with none are refused.
+
+use super::*;
+use crate::study::puncture::puncture;
+
+fn made() -> (PunctureOptions, Vec<Sample>) {
+    let options = PunctureOptions {
+        step_mm: 2.0,
+        order: 0.0,
+        young_kpa: 3.0,
+        knee_strain: 0.25,
+        stiffening: 40.0,
+        capsule_n: 0.6,
+        ..PunctureOptions::default()
+    };
+    let rows = puncture(&options, |_| {}).unwrap().rows;
+    let sample = |row: &crate::study::puncture::Row| Sample {
+        travel_mm: row.travel_mm,
+        force_n: row.force_n,
+    };
+    (options, rows.iter().map(sample).collect())
+}
+
+/// The slice's own curve is met with the numbers it was made with, its drops left out.
+#[test]
+fn numbers_that_made_a_curve_are_found_again() {
+    let (options, samples) = made();
+    let start = PunctureOptions {
+        young_kpa: 1.0,
+        knee_strain: 0.3,
+        stiffening: 30.0,
+        ..options
+    };
+    let fitted = fit(&start, &samples, |_| {}).unwrap();
+    assert!(
+        fitted.samples.len() < samples.len() && fitted.r_squared > 0.9999,
+        "{fitted:?}"
+    );
+    for (found, expected) in [
+        (fitted.young_kpa, 3.0),
+        (fitted.knee_strain, 0.25),
+        (fitted.stiffening, 40.0),
+    ] {
+        assert!((found / expected - 1.0_f64).abs() < 0.1, "{fitted:?}");
+    }
+}
+
+#[test]
+fn curves_are_read_and_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("curve.csv");
+    let parsed = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        read(&path)
+    };
+    let found = parsed("time_s,force_n,travel_mm\n0,0.5,1\n1, 0.75 ,2.5\n").unwrap();
+    let expected = [(1.0, 0.5), (2.5, 0.75)];
+    assert_eq!(
+        found.iter().map(|s| (s.travel_mm, s.force_n)).collect::<Vec<_>>(),
+        expected
+    );
+    for (text, words) in [
+        ("a,b\n1,2\n", "line 1: found the header `a,b`"),
+        ("travel_mm,force_n\n1,2\n2,x\n", "line 3: found `x`"),
+        ("travel_mm,force_n\n1,2\n1,3\n", "line 3: found 1 mm"),
+        ("travel_mm,force_n\n1,2,3\n", "line 2"),
+        ("travel_mm,force_n\n1,inf\n", "line 2: found `inf`"),
+    ] {
+        let error = parsed(text).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+    assert!(
+        read(&folder.path().join("none.csv"))
+            .unwrap_err()
+            .to_string()
+            .contains("none.csv")
+    );
+    let (options, samples) = made();
+    assert!(matches!(
+        fit(&options, &samples[..3], |_| {}),
+        Err(PunctureError::Curve { .. })
+    ));
+}

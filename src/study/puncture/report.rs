@@ -1,0 +1,59 @@
+//! A puncture in words, as a table and as a plot.
+
+use super::{NAMES, Puncture};
+use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
+
+impl Puncture {
+    /// A table, a row a step.
+    pub fn csv(&self) -> String {
+        let mut text = "travel_mm,time_s,force_n,tip_n,depth_mm,vein_mm,punctured\n".to_owned();
+        for row in &self.rows {
+            let punctured = row.punctured.map_or(String::new(), |layer| layer.to_string());
+            text += &format!(
+                "{},{},{},{},{},{},{punctured}\n",
+                row.travel_mm, row.time_s, row.force_n, row.tip_n, row.depth_mm, row.vein_mm
+            );
+        }
+        text
+    }
+
+    /// What happened at the punctures, in words.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for (at, row) in self.rows.iter().enumerate() {
+            let Some(layer) = row.punctured else { continue };
+            let after = self.rows.get(at + 1).map_or(row.force_n, |row| row.force_n);
+            text += &format!(
+                "{:<10} punctured at {:>5.1} mm: {:.3} N, then {after:.3} N; the vein is {:.1} mm high\n",
+                NAMES.get(layer).copied().unwrap_or("layer"),
+                row.travel_mm,
+                row.force_n,
+                row.vein_mm
+            );
+        }
+        text
+    }
+}
+
+/// Force over the needle's way of several runs.
+///
+/// # Errors
+/// [`PlotError`].
+pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
+    let series = runs.iter().enumerate().map(|(colour, (name, run))| Series {
+        name: (*name).to_owned(),
+        points: run.rows.iter().map(|row| [row.travel_mm, row.force_n]).collect(),
+        joined: true,
+        marker: Marker::None,
+        colour,
+    });
+    let plot = Plot {
+        title: "A needle pushes, punctures and cuts".to_owned(),
+        x: Axis::linear("way of the needle, mm"),
+        y: Axis::linear("force on the needle, N"),
+        series: series.collect(),
+        markers: Vec::new(),
+        front: Vec::new(),
+    };
+    plot.svg()
+}
