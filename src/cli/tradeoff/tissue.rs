@@ -9,7 +9,8 @@ use crate::cli::study::Printed;
 const EXAMPLES: &str = "\
 Examples:
   insonify tradeoff tissue --quick           a first look, in seconds
-  insonify tradeoff tissue -o study          the default block of 3,300 nodes, with plots: minutes
+  insonify tradeoff tissue -o study          a block of 1,000 nodes, with plots: half a minute
+  insonify tradeoff tissue --whole -o study  3,300 nodes and twice the steps: minutes
   insonify tradeoff tissue --stiffening 60 --json
 
 A row with a star is a best choice among those with as many steps: no other is both faster and nearer to the truth.";
@@ -18,10 +19,10 @@ A row with a star is a best choice among those with as many steps: no other is b
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Tissue {
-    /// Nodes of the block [default: 3300; with --quick 300]
+    /// Nodes of the block [default: 1000; with --quick 300, with --whole 3300]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(27..=200_000))]
     nodes: Option<u32>,
-    /// Most steps until the plate is down, from 5 on doubled [default: 40; with --quick 10]
+    /// Most steps until the plate is down, from 5 on doubled [default: 20; with --quick 10, with --whole 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=1000))]
     steps: Option<u32>,
     /// Young's modulus below the knee, kPa
@@ -42,13 +43,19 @@ pub struct Tissue {
     /// A small block and few steps
     #[arg(long)]
     quick: bool,
+    /// The block of the papers' size and as many steps as show where errors end
+    #[arg(long, conflicts_with = "quick")]
+    whole: bool,
     #[command(flatten)]
     printed: Printed,
 }
 
 impl Tissue {
     pub fn run(&self) -> Result<(), Failure> {
-        let usual = TissueOptions::of(super::effort(self.quick));
+        let usual = match self.whole {
+            true => TissueOptions::papers(),
+            false => TissueOptions::of(super::effort(self.quick)),
+        };
         let options = TissueOptions {
             nodes: self.nodes.map_or(usual.nodes, |nodes| nodes as usize),
             steps: [usual.steps[0], self.steps.unwrap_or(usual.steps[1])],

@@ -23,7 +23,7 @@ use subject::{Model, Subject, Walked, Way};
 /// What to study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TissueOptions {
-    /// Nodes of the block (default 3,300).
+    /// Nodes of the block (default 1,000).
     pub nodes: usize,
     /// Young's modulus below the knee, kPa (default 1.16, porcine liver's).
     pub young_kpa: f64,
@@ -37,21 +37,21 @@ pub struct TissueOptions {
     pub order: f64,
     /// How far the plate goes down, mm (default 12).
     pub depth_mm: f64,
-    /// The least and the most steps until it is down, doubled in between (default 5 to 40).
+    /// The least and the most steps until it is down, doubled in between (default 5 to 20).
     pub steps: [u32; 2],
 }
 
 impl Default for TissueOptions {
     fn default() -> Self {
         TissueOptions {
-            nodes: 3300,
+            nodes: 1000,
             young_kpa: 1.16,
             poisson: 0.45,
             knee_strain: 0.303,
             stiffening: 20.0,
             order: 0.1,
             depth_mm: 12.0,
-            steps: [5, 40],
+            steps: [5, 20],
         }
     }
 }
@@ -69,6 +69,16 @@ pub const ENTRY: Entry = Entry {
 };
 
 impl TissueOptions {
+    /// A block of as many nodes as the papers' meshes, and steps until errors end.
+    pub fn papers() -> Self {
+        let usual = TissueOptions::default();
+        TissueOptions {
+            nodes: 3300,
+            steps: [usual.steps[0], 40],
+            ..usual
+        }
+    }
+
     /// What is studied at an effort: the default, or a small block and few steps.
     pub fn of(effort: Effort) -> Self {
         let usual = TissueOptions::default();
@@ -167,8 +177,8 @@ fn schemes() -> [(&'static str, Scheme); 6] {
         ("Euler (paper)", euler(Slope::Scalar, false)),
         ("Euler, consistent", euler(Slope::Consistent, false)),
         ("Euler, corrected", euler(Slope::Scalar, true)),
-        ("modified Newton (paper)", Scheme::Modified { memory: 0 }),
-        ("modified Newton, accelerated", Scheme::MODIFIED),
+        ("modified (paper)", Scheme::Modified { memory: 0 }),
+        ("modified, accelerated", Scheme::MODIFIED),
         ("full Newton", Scheme::Newton),
     ]
 }

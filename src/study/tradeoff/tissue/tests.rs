@@ -26,7 +26,7 @@ fn a_small_block_is_studied() {
         row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()].unwrap()
     };
     // Iterations come to their tolerance, over how much it may be of the displacements; Euler's steps err less the shorter they are.
-    for name in ["modified Newton (paper)", "modified Newton, accelerated", "full Newton"] {
+    for name in ["modified (paper)", "modified, accelerated", "full Newton"] {
         assert!(value(schemes, name, "8", "error") < 1e-5, "{name}");
     }
     for name in ["Euler (paper)", "Euler, consistent", "Euler, corrected"] {
