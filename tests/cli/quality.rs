@@ -36,7 +36,8 @@ fn the_grid_is_picked_told_and_part_of_the_plan() {
     // The second time nothing is measured, so the figure is the same to the bit; asked for, it is measured again.
     assert_eq!(plan(&bench, "").json()["quality"], quality);
     assert_eq!(bench.files("cache").len(), 1);
-    plan(&bench, " --recalibrate").json();
+    let quality = plan(&bench, " --recalibrate").json()["quality"].clone();
+    assert_eq!(bench.files("cache").len(), 1);
     let text = bench.run("plan open.toml --backend cpu");
     assert!(
         text.text().contains("Picked for frame_ms = 10000") && text.text().contains("probe.lines"),
