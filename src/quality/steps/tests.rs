@@ -31,5 +31,14 @@ fn a_study_of_insertions_gives_costs_of_every_key() {
             assert!(dial.rungs.iter().any(|rung| rung.error == 0.0), "{dial:?}");
         }
     }
-    assert!(free.dials[0].rungs.iter().any(|rung| rung.values == ["\"exact\""]));
+    // A level costs what its steps take that remesh, beyond those of the exact one.
+    let levels = study.tables.iter().find(|table| table.key == "levels").unwrap();
+    let of = |name: &str| {
+        let row = levels.rows.iter().find(|row| row.choices == [name, "without"]).unwrap();
+        levels.value(row, "remesh_median_ms").unwrap()
+    };
+    let mut rungs = free.dials[0].rungs.iter();
+    assert!(rungs.clone().any(|rung| rung.values == ["\"exact\""]));
+    let first = rungs.find(|rung| rung.values == ["\"I\""]).unwrap();
+    assert_eq!(first.extra_ms, of("I") - of("exact condensed"));
 }
