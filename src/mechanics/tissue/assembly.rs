@@ -13,6 +13,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 
 use super::dofs::Dofs;
 use super::element::{DegenerateElement, NodeBlock, Shape};
+use super::factor::Symmetric;
 use super::material::Material;
 use crate::mechanics::mesh::TetMesh;
 pub(super) use pattern::corners_by_node;
@@ -162,25 +163,7 @@ impl Stiffness {
     /// # Panics
     /// If a slice does not have one entry for each.
     pub fn multiply(&self, x: &[f64], y: &mut [f64]) {
-        let free = self.dofs().free();
-        assert!(x.len() == free && y.len() == free, "one entry a free degree of freedom");
-        let starts = self.pattern().col_ptr();
-        let rows = self.pattern().row_idx();
-        y.fill(0.0);
-        for column in 0..free {
-            let span = starts[column] as usize..starts[column + 1] as usize;
-            let (rows, values) = (&rows[span.clone()], &self.values[span]);
-            let factor = x[column];
-            let mut sum = 0.0;
-            for (&row, &value) in rows.iter().zip(values) {
-                let row = row as usize;
-                y[row] += value * factor;
-                if row != column {
-                    sum += value * x[row];
-                }
-            }
-            y[column] += sum;
-        }
+        self.product(x, y);
     }
 
     /// Forces on all nodes (N) that hold the displacements of all nodes (mm), prescribed ones among them.
