@@ -22,6 +22,7 @@ mod anderson;
 mod body;
 pub mod creep;
 mod error;
+mod foresight;
 mod gmres;
 mod law;
 mod simplex;
@@ -29,6 +30,7 @@ mod solver;
 mod structure;
 mod supports;
 mod tangent;
+mod upkeep;
 
 pub use super::knee::{InvalidStiffening, Knee};
 pub use body::{Body, InvalidBody, Sheet, Solid};

@@ -56,6 +56,34 @@ fn modified_newton_is_linear_at_its_rate() {
     );
 }
 
+/// What increments before missed is known: equal increments past the knee take about half the iterations of the plain method, and
+/// going back one, elastic as the body is, takes next to none.
+#[test]
+fn increments_alike_take_few_iterations() {
+    let body = block([4, 4, 4], 2.0, 0.2, law(0.45));
+    let driven = pressed(&body, 8.0, [-1.6, 0.0]);
+    let loads = vec![0.0; 3 * body.nodes().len()];
+    let walk = |scheme, shares: &[f64]| -> Vec<usize> {
+        let loose = Options {
+            tolerance: 1e-6,
+            ..options(scheme)
+        };
+        let (mut solver, last) = held(&body, &driven, loose);
+        let mut go = |share: &f64| {
+            let part: Vec<f64> = last.iter().map(|u| u * share).collect();
+            solver.step(&target(&loads, &part)).unwrap().iterations
+        };
+        shares.iter().map(&mut go).collect()
+    };
+    let shares: Vec<f64> = (1..=20).map(|at| f64::from(at) / 20.0).collect();
+    let total = |scheme| walk(scheme, &shares)[10..].iter().sum::<usize>();
+    let (plain, learning) = (total(Scheme::Modified { memory: 0 }), total(Scheme::MODIFIED));
+    assert!(3 * learning <= 2 * plain, "{learning} of {plain}");
+    let there_and_back = [&shares[..], &[0.95, 1.0, 0.95, 1.0]].concat();
+    let back = &walk(Scheme::MODIFIED, &there_and_back)[21..];
+    assert!(back.iter().all(|iterations| *iterations <= 2), "{back:?}");
+}
+
 /// In proportional straining Euler's method with the paper's tangent has order one in the length of the increments; elsewhere it
 /// needs the consistent tangent or the balance put right. With both it is a Newton iteration an increment, whose error is the square
 /// of the increment.

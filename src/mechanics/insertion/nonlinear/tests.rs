@@ -186,6 +186,60 @@ fn it_pushes_punctures_stops_and_comes_out() {
     }
 }
 
+/// Held at its sides, with the far face free: the tip comes out there, and is held by friction along what is in tissue alone.
+#[test]
+fn it_goes_through_and_back() {
+    for viscosity in [None, creeping()] {
+        let mut setup = setup(viscosity);
+        setup.interactions[0].1.friction_n_per_mm = 0.002;
+        let nodes = setup.mesh.nodes().iter().enumerate();
+        setup.fixed = nodes
+            .filter(|(_, at)| (0..2).any(|axis| at[axis] == 0.0 || at[axis] == EDGE_MM[axis]))
+            .flat_map(|(node, _)| [0, 1, 2].map(|axis| (node as u32, axis)))
+            .collect();
+        let mut model = Nonlinear::new(setup).unwrap();
+        let (step, in_steps) = (0.4, 85);
+        let inward = (0..in_steps).map(|at| -2.0 + step * f64::from(at));
+        let outward = (0..in_steps).map(|at| -2.0 + step * f64::from(in_steps - 2 - at));
+        let depths: Vec<f64> = inward.chain(outward).collect();
+        let seen = run(&mut model, &depths);
+        use EventKind::{Out, Puncture, Region, Skin};
+        let told: Vec<_> = seen
+            .events
+            .iter()
+            .filter(|(kind, _)| *kind != EventKind::Crushed)
+            .copied()
+            .collect();
+        let expected = [
+            (Skin, Some(1)),
+            (Puncture, Some(1)),
+            (Puncture, Some(2)),
+            (Region, Some(2)),
+            (Puncture, Some(1)),
+            (Region, Some(1)),
+            (Out, None),
+            (Region, Some(2)),
+            (Region, Some(1)),
+            (Out, None),
+        ];
+        assert_eq!(told, expected, "{viscosity:?}");
+        // Tissue is dragged along with the needle: what is inserted at the end is the thickness of the block.
+        let end = &seen.outcomes[in_steps as usize - 1];
+        assert!((end.inserted_mm - EDGE_MM[2]).abs() < 1e-9, "{}", end.inserted_mm);
+        // It slides: friction of 0.002 N/mm, and nothing at the tip. A creeping body lags behind what it is pulled by.
+        let friction = 0.002 * EDGE_MM[2];
+        let slack = if viscosity.is_none() { 1e-3 } else { 0.05 };
+        assert!(
+            (-end.on_hand.force_n.z / friction - 1.0).abs() < slack,
+            "{:?}",
+            end.on_hand.force_n
+        );
+        assert_eq!(end.stuck, 0);
+        let last = &seen.outcomes[depths.len() - 1];
+        assert_eq!((last.inserted_mm, last.on_hand.force_n.norm()), (0.0, 0.0));
+    }
+}
+
 #[test]
 fn a_saved_state_goes_on_with_the_same_bits() {
     for viscosity in [None, creeping()] {

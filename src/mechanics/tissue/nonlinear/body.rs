@@ -2,6 +2,7 @@
 
 use super::law::{Stiffening, relative_strain};
 use super::simplex::{Simplex, dot};
+use super::tangent::Kind;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::element::DegenerateElement;
 
@@ -227,6 +228,14 @@ impl<const D: usize, const N: usize> Body<D, N> {
                 corners,
                 &cell.shape.divergence(&stress.map(|row| row.map(|x| secant * x))),
             );
+        }
+    }
+
+    /// Product of a tangent with a change of displacement.
+    pub(super) fn product(&self, kind: Kind, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
+        match kind {
+            Kind::Scalar => self.scalar(responses, change, product),
+            Kind::Consistent => self.consistent(responses, change, product),
         }
     }
 

@@ -1,6 +1,7 @@
-//! The generalised minimal residual method, preconditioned from the right (Y. Saad and M. H. Schultz, SIAM Journal on Scientific
-//! and Statistical Computing 7, 1986). The consistent tangent is not symmetric where tissue is both compressed and stiffening;
-//! the Cholesky factor of its symmetric part leaves little for this to do.
+//! The flexible generalised minimal residual method, preconditioned from the right (Y. Saad, SIAM Journal on Scientific Computing
+//! 14, 1993). The consistent tangent is not symmetric where tissue is both compressed and stiffening; the Cholesky factor of its
+//! symmetric part leaves little for this to do. It keeps what the preconditioner made of each direction, so that a factor in
+//! single precision, which is not quite linear, comes as close as one in double.
 
 /// The most directions; what is not solved by then is left to the next iteration around.
 const MOST: usize = 40;
@@ -11,7 +12,8 @@ pub(super) struct Gmres {
     basis: Vec<Vec<f64>>,
     /// Columns of the triangular factor.
     columns: Vec<Vec<f64>>,
-    preconditioned: Vec<f64>,
+    /// What the preconditioner made of each direction of the basis.
+    preconditioned: Vec<Vec<f64>>,
 }
 
 impl Gmres {
@@ -29,8 +31,7 @@ impl Gmres {
         if norm == 0.0 || !norm.is_finite() {
             return 0;
         }
-        self.preconditioned.resize(rhs.len(), 0.0);
-        self.vector(0, rhs.len());
+        room(&mut self.basis, 0, rhs.len());
         self.basis[0]
             .iter_mut()
             .zip(rhs.iter())
@@ -40,12 +41,14 @@ impl Gmres {
         let mut rotations = [(1.0, 0.0); MOST];
         let mut used = 0;
         while used < MOST {
-            self.vector(used + 1, rhs.len());
-            self.preconditioned.copy_from_slice(&self.basis[used]);
-            precondition(&mut self.preconditioned);
+            room(&mut self.basis, used + 1, rhs.len());
+            room(&mut self.preconditioned, used, rhs.len());
+            let preconditioned = &mut self.preconditioned[used];
+            preconditioned.copy_from_slice(&self.basis[used]);
+            precondition(preconditioned);
             let (old, new) = self.basis.split_at_mut(used + 1);
             let next = &mut new[0];
-            apply(&self.preconditioned, next);
+            apply(preconditioned, next);
             if self.columns.len() == used {
                 self.columns.push(vec![0.0; MOST + 1]);
             }
@@ -82,19 +85,18 @@ impl Gmres {
             }
         }
         rhs.fill(0.0);
-        for (share, direction) in right[..used].iter().zip(&self.basis) {
+        for (share, direction) in right[..used].iter().zip(&self.preconditioned) {
             rhs.iter_mut().zip(direction).for_each(|(x, v)| *x += share * v);
         }
-        precondition(rhs);
         used
     }
+}
 
-    fn vector(&mut self, at: usize, length: usize) {
-        if self.basis.len() == at {
-            self.basis.push(Vec::new());
-        }
-        self.basis[at].resize(length, 0.0);
+fn room(vectors: &mut Vec<Vec<f64>>, at: usize, length: usize) {
+    if vectors.len() == at {
+        vectors.push(Vec::new());
     }
+    vectors[at].resize(length, 0.0);
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

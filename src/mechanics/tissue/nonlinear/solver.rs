@@ -1,5 +1,6 @@
 //! One increment after the other: loads, prescribed displacements and a contact in, balanced displacements out.
 
+mod approximate;
 mod iteration;
 mod linear;
 mod options;
@@ -11,9 +12,11 @@ use std::sync::Arc;
 use super::anderson::Anderson;
 use super::body::{Body, Response};
 use super::error::NonlinearError;
+use super::foresight::Foresight;
 use super::supports::Supports;
 use super::tangent::Kind;
-use linear::Linear;
+use super::upkeep::Upkeep;
+use linear::{Equations, Linear};
 pub use options::{Options, Progress, Scheme, Slope};
 pub use target::{Contact, Target};
 
@@ -34,6 +37,8 @@ pub struct Solver<const D: usize, const N: usize> {
     /// What an iteration changes: displacements, and the contact force.
     change: Vec<f64>,
     anderson: Anderson,
+    foresight: Foresight,
+    upkeep: Upkeep,
     rest: Vec<f64>,
     progress: Progress,
     /// The largest force at a node so far, N.
@@ -89,6 +94,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             offset: vec![0.0; all],
             change: vec![0.0; all + 1],
             anderson: Anderson::default(),
+            foresight: Foresight::default(),
+            upkeep: Upkeep::default(),
             rest: vec![0.0; supports.free().len()],
             progress: Progress::default(),
             peak: 0.0,
@@ -136,9 +143,14 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         target::list("loads", loads, self.supports.all())?;
         let rest = vec![Response::REST; self.body.elements().len()];
         self.linear.factor(&self.body, &rest, Kind::Scalar)?;
+        self.forget();
         self.supports.gather(loads, &mut self.rest);
+        let exact = Equations::Tangent {
+            kind: Kind::Scalar,
+            closeness: schemes::CLOSEST,
+        };
         self.linear
-            .solve(&self.body, &self.supports, &rest, Kind::Scalar, 0.0, &mut self.rest);
+            .solve(&self.body, &self.supports, &rest, exact, &mut self.rest);
         let mut displacement = vec![0.0; loads.len()];
         for (&dof, value) in self.supports.free().iter().zip(&self.rest) {
             displacement[dof as usize] = *value;
@@ -210,7 +222,16 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         } = &mut self.state;
         let offset = offset.then_some(&self.offset[..]);
         self.body.respond(displacement, offset, forces, responses);
-        self.linear.factor(&self.body, &self.state.responses, Kind::Scalar)
+        self.linear.renew(&self.body, &self.state.responses)?;
+        self.forget();
+        Ok(())
+    }
+
+    /// What was learnt with another factor, or in another state, holds no longer.
+    fn forget(&mut self) {
+        self.anderson.clear();
+        self.foresight.clear();
+        self.upkeep.renew();
     }
 
     fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {

@@ -2,19 +2,18 @@
 
 use super::super::error::NonlinearError;
 use super::super::tangent::Kind;
+use super::linear::Equations;
 use super::{Contact, Progress, Solver, State, Target};
 
 impl<const D: usize, const N: usize> Solver<D, N> {
-    /// A change of the displacements, and at its end of the contact force, by the factor at hand: what is prescribed and the contact
-    /// arrive where they shall.
-    pub(super) fn propose(&mut self, target: &Target<'_>, kind: Kind) -> Result<(), NonlinearError> {
+    /// A change of the displacements, and at its end of the contact force, by linear equations: what is prescribed
+    /// and the contact arrive where they shall.
+    pub(super) fn propose(&mut self, target: &Target<'_>, equations: Equations) -> Result<(), NonlinearError> {
         self.progress.iterations += 1;
         self.change.fill(0.0);
         for (&dof, value) in self.supports.prescribed().iter().zip(target.prescribed) {
             self.change[dof as usize] = value - self.state.displacement[dof as usize];
         }
-        // A Krylov solve need not be closer than Newton's error, which is squared by this iteration.
-        let closeness = self.progress.residual().clamp(1e-10, 1e-3);
         let (body, supports) = (&*self.body, &self.supports);
         let responses = &self.state.responses;
         if self.change.iter().any(|change| *change != 0.0) {
@@ -22,19 +21,18 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 body,
                 supports,
                 responses,
-                kind,
+                equations,
                 &self.change[..supports.all()],
                 &mut self.rest,
             );
         }
-        self.linear
-            .solve(body, supports, responses, kind, closeness, &mut self.rest);
+        self.linear.solve(body, supports, responses, equations, &mut self.rest);
         for (&dof, value) in supports.free().iter().zip(&self.rest) {
             self.change[dof as usize] = *value;
         }
         let all = supports.all();
         if let Some(contact) = target.contact {
-            let way = self.linear.way(body, supports, responses, kind, closeness, contact);
+            let way = self.linear.way(body, supports, responses, equations, contact);
             let compliance = contact.along_free(supports, way);
             if compliance.is_nan() || compliance <= 0.0 {
                 return Err(NonlinearError::DeadContact);
@@ -72,6 +70,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
 
     pub(super) fn factor(&mut self, kind: Kind) -> Result<(), NonlinearError> {
         self.progress.factorisations += 1;
+        self.forget();
         self.linear.factor(&self.body, &self.state.responses, kind)
     }
 

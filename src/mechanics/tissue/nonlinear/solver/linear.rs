@@ -6,13 +6,31 @@ use super::super::gmres::Gmres;
 use super::super::supports::Supports;
 use super::super::tangent::{Kind, Tangent};
 use super::Contact;
-use crate::mechanics::tissue::factor::Factor;
+use super::approximate::Approximate;
+use crate::mechanics::tissue::factor::FactorError;
+
+/// Which linear equations are solved, and how closely.
+#[derive(Clone, Copy, Debug)]
+pub enum Equations {
+    /// Those that the factor is of, by the factor alone.
+    Kept,
+    /// Those of a tangent at the state given, with as many products as it takes.
+    Tangent {
+        /// Which.
+        kind: Kind,
+        /// What may be left of the right-hand side, relative to it.
+        closeness: f64,
+    },
+}
 
 /// A tangent, its factor, and what solving with it needs.
 #[derive(Clone, Debug)]
 pub struct Linear<const D: usize> {
     matrix: Tangent<D>,
-    factor: Factor,
+    /// What the factor is of.
+    kind: Kind,
+    responses: Vec<Response<D>>,
+    factor: Approximate,
     gmres: Gmres,
     /// How the free displacements answer a unit force of the contact, and of which contact.
     way: Vec<f64>,
@@ -30,9 +48,11 @@ impl<const D: usize> Linear<D> {
     ) -> Result<Self, NonlinearError> {
         let mut matrix = Tangent::new(body.elements(), supports).map_err(|_| NonlinearError::TooLarge)?;
         matrix.fill(body, responses, Kind::Scalar);
-        let factor = Factor::new(&matrix)?;
+        let factor = Approximate::new(&matrix)?;
         Ok(Linear {
             matrix,
+            kind: Kind::Scalar,
+            responses: responses.to_vec(),
             factor,
             gmres: Gmres::default(),
             way: vec![0.0; supports.free().len()],
@@ -49,16 +69,35 @@ impl<const D: usize> Linear<D> {
         responses: &[Response<D>],
         kind: Kind,
     ) -> Result<(), NonlinearError> {
-        self.contact = None;
+        self.keep(responses, kind);
         self.matrix.fill(body, responses, kind);
         match self.factor.refactor(&self.matrix) {
             // Far from balance the symmetric part need not be positive definite; the scalar tangent always is.
             Err(error) if kind == Kind::Consistent && !is_memory(&error) => {
+                self.kind = Kind::Scalar;
                 self.matrix.fill(body, responses, Kind::Scalar);
                 Ok(self.factor.refactor(&self.matrix)?)
             }
             other => Ok(other?),
         }
+    }
+
+    /// As when new, but at a state.
+    pub fn renew<const N: usize>(
+        &mut self,
+        body: &Body<D, N>,
+        responses: &[Response<D>],
+    ) -> Result<(), NonlinearError> {
+        self.keep(responses, Kind::Scalar);
+        self.matrix.fill(body, responses, Kind::Scalar);
+        self.factor = Approximate::new(&self.matrix)?;
+        Ok(())
+    }
+
+    fn keep(&mut self, responses: &[Response<D>], kind: Kind) {
+        self.contact = None;
+        self.kind = kind;
+        self.responses.copy_from_slice(responses);
     }
 
     /// Takes the product of the tangent with a change of all displacements from free forces.
@@ -67,41 +106,39 @@ impl<const D: usize> Linear<D> {
         body: &Body<D, N>,
         supports: &Supports<D>,
         responses: &[Response<D>],
-        kind: Kind,
+        equations: Equations,
         change: &[f64],
         rest: &mut [f64],
     ) {
-        match kind {
-            Kind::Scalar => body.scalar(responses, change, &mut self.product),
-            Kind::Consistent => body.consistent(responses, change, &mut self.product),
-        }
+        let (kind, responses) = match equations {
+            Equations::Kept => (self.kind, &self.responses[..]),
+            Equations::Tangent { kind, .. } => (kind, responses),
+        };
+        body.product(kind, responses, change, &mut self.product);
         for (rest, &dof) in rest.iter_mut().zip(supports.free()) {
             *rest -= self.product[dof as usize];
         }
     }
 
-    /// Free forces become free displacements: by the factor alone for the scalar tangent, by as many products as it takes to come
-    /// to `closeness` for the consistent one.
+    /// Free forces become free displacements.
     pub fn solve<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
         responses: &[Response<D>],
-        kind: Kind,
-        closeness: f64,
+        equations: Equations,
         rest: &mut [f64],
     ) {
-        if kind == Kind::Scalar {
-            self.factor.solve_in_place(rest);
-            return;
-        }
-        let (change, product, factor) = (&mut self.change, &mut self.product, &self.factor);
+        let Equations::Tangent { kind, closeness } = equations else {
+            return self.factor.solve_in_place(rest);
+        };
+        let (change, product, factor) = (&mut self.change, &mut self.product, &mut self.factor);
         let apply = |x: &[f64], y: &mut [f64]| {
             change.fill(0.0);
             for (value, &dof) in x.iter().zip(supports.free()) {
                 change[dof as usize] = *value;
             }
-            body.consistent(responses, change, product);
+            body.product(kind, responses, change, product);
             supports.gather(product, y);
         };
         self.gmres.solve(rest, closeness, apply, |x| factor.solve_in_place(x));
@@ -113,19 +150,18 @@ impl<const D: usize> Linear<D> {
         body: &Body<D, N>,
         supports: &Supports<D>,
         responses: &[Response<D>],
-        kind: Kind,
-        closeness: f64,
+        equations: Equations,
         contact: &Contact,
     ) -> &[f64] {
         let known = self
             .contact
             .as_ref()
             .is_some_and(|known| known.weights == contact.weights);
-        if !known || kind == Kind::Consistent {
+        if !known || !matches!(equations, Equations::Kept) {
             let mut way = std::mem::take(&mut self.way);
             way.fill(0.0);
             contact.add_free(1.0, supports, &mut way);
-            self.solve(body, supports, responses, kind, closeness, &mut way);
+            self.solve(body, supports, responses, equations, &mut way);
             self.way = way;
             self.contact = Some(contact.clone());
         }
@@ -133,6 +169,6 @@ impl<const D: usize> Linear<D> {
     }
 }
 
-fn is_memory(error: &crate::mechanics::tissue::factor::FactorError) -> bool {
-    matches!(error, crate::mechanics::tissue::factor::FactorError::Memory { .. })
+fn is_memory(error: &FactorError) -> bool {
+    matches!(error, FactorError::Memory { .. })
 }

@@ -2,6 +2,7 @@
 
 use super::super::error::NonlinearError;
 use super::super::tangent::Kind;
+use super::linear::Equations;
 use super::{Slope, Solver, Target};
 
 /// Iterations that leave more than this of the residual, each on average, have modified Newton-Raphson factor anew: a
@@ -10,6 +11,9 @@ const SLOW: f64 = 0.5;
 
 /// Iterations with a factor before it is judged slow.
 const TRIAL: usize = 4;
+
+/// How closely the linear equations of an increment that is not iterated upon are solved: near what rounding leaves.
+pub(super) const CLOSEST: f64 = 1e-12;
 
 /// How often a full Newton step is halved at most.
 const HALVINGS: usize = 8;
@@ -32,50 +36,79 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 contact.add_free(self.state.contact, &self.supports, &mut self.rest);
             }
         }
-        self.propose(target, kind)?;
+        self.propose(
+            target,
+            Equations::Tangent {
+                kind,
+                closeness: CLOSEST,
+            },
+        )?;
         self.change(target);
         let residual = self.residual(target);
         self.progress.residuals.push(residual);
         self.finite(residual)
     }
 
+    /// The paper's method where `memory` is 0. Else what earlier iterations and increments missed improves the next.
     pub(super) fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
+        let learns = memory > 0;
+        // Whether the factor is that of this very state.
+        let mut own = learns && self.upkeep.is_due();
+        if own {
+            self.factor(Kind::Scalar)?;
+        }
         let mut residual = self.residual(target);
         let mut pending = self.pending(target);
-        // Whether the factor is that of this very state; iterations with it in this increment, and the residual before them.
-        let (mut own, mut tried, mut first) = (false, 0, residual);
+        // Iterations with the factor in this increment, and the residual before them.
+        let (mut tried, mut first) = (0, residual);
         self.anderson.clear();
         loop {
             self.progress.residuals.push(residual);
             if residual <= self.options.tolerance && !pending {
+                self.learn();
                 return Ok(());
             }
             self.more(residual)?;
             self.before.take(&self.state);
-            self.propose(target, Kind::Scalar)?;
-            if !pending {
+            self.propose(target, Equations::Kept)?;
+            let mut foreseen = false;
+            if learns && self.progress.iterations == 1 {
+                let contact = target.contact.map_or(&[][..], |contact| &contact.weights);
+                foreseen = self.foresight.improve(&mut self.change, contact);
+            } else if !pending {
                 self.anderson.improve(memory, &mut self.change);
             }
             self.change(target);
             let mut next = self.residual(target);
-            // What is prescribed arrives at once, and may throw forces out of balance that were in it.
+            let worse = next >= residual || next.is_nan();
+            // What is prescribed arrives at once, and may throw forces out of balance that were in it: up to the largest there are.
+            let lost = if pending {
+                !(next <= 1.0)
+            } else {
+                worse && !(next <= self.options.tolerance)
+            };
+            if foreseen && lost {
+                // This increment is unlike the last one.
+                self.foresight.clear();
+                self.state.take(&self.before);
+                residual = self.residual(target);
+                continue;
+            }
             if pending {
                 (own, tried, first) = (false, 0, next);
             } else if next > self.options.tolerance || next.is_nan() {
                 tried += 1;
-                let worse = next >= residual || next.is_nan();
                 if worse {
                     self.anderson.clear();
                 }
                 if worse && own {
                     next = self.backtrack(target, residual, next);
-                } else if worse && tried == 1 {
+                } else if worse {
                     self.state.take(&self.before);
                 }
                 let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
                 if (worse && !own) || slow {
                     self.factor(Kind::Scalar)?;
-                    self.anderson.clear();
                     residual = self.residual(target);
                     (own, tried, first) = (true, 0, residual);
                     continue;
@@ -84,6 +117,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             }
             self.finite(next)?;
             (residual, pending) = (next, self.pending(target));
+        }
+    }
+
+    /// What a balanced increment tells of the next.
+    fn learn(&mut self) {
+        if self.progress.iterations > 0 {
+            self.upkeep.took(self.progress.iterations);
+            let (now, before) = (&self.state, &self.start);
+            let now = now.displacement.iter().chain([&now.contact]);
+            let before = before.displacement.iter().chain([&before.contact]);
+            self.foresight.learn(now.zip(before).map(|(now, before)| now - before));
         }
     }
 
@@ -98,7 +142,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.more(residual)?;
             self.factor(Kind::Consistent)?;
             self.before.take(&self.state);
-            self.propose(target, Kind::Consistent)?;
+            // The linear equations need not be closer than Newton's error, which is squared by this iteration.
+            let tangent = Equations::Tangent {
+                kind: Kind::Consistent,
+                closeness: residual.clamp(1e-10, 1e-3),
+            };
+            self.propose(target, tangent)?;
             self.change(target);
             let mut next = self.residual(target);
             if !pending {

@@ -1,0 +1,52 @@
+//! Increments whose outcome is known.
+
+use super::*;
+
+/// What is proposed turns out half as much again in one place, and none in another.
+fn outcome(proposal: [f64; 3]) -> [f64; 3] {
+    [1.5 * proposal[0], proposal[1], 0.0]
+}
+
+fn taught(proposal: [f64; 3], contact: &[(u32, f64)]) -> Foresight {
+    let mut foresight = Foresight::default();
+    assert!(!foresight.improve(&mut proposal.clone(), contact));
+    foresight.learn(outcome(proposal).into_iter());
+    foresight
+}
+
+#[test]
+fn increments_alike_end_where_they_are_foreseen() {
+    for share in [1.0, -1.0, 0.25, -3.0] {
+        let first = [2.0, -1.0, 0.5];
+        let proposal = first.map(|x| share * x);
+        let mut change = proposal;
+        assert!(taught(first, &[]).improve(&mut change, &[]));
+        let expected = outcome(proposal);
+        let off = change.iter().zip(expected).map(|(a, b)| (a - b).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-15, "{change:?}, expected {expected:?}");
+    }
+}
+
+#[test]
+fn other_increments_are_left_as_they_are() {
+    let first = [2.0, 0.0, 0.0];
+    let (here, there) = ([(4, 1.0)], [(5, 1.0)]);
+    // Of another kind, far longer, none, with another contact or with none.
+    let cases: [([f64; 3], &[(u32, f64)]); 5] = [
+        ([1.0, 1.1, 0.0], &here),
+        ([9.0, 0.0, 0.0], &here),
+        ([0.0, 0.0, 0.0], &here),
+        ([2.0, 0.0, 0.0], &there),
+        ([2.0, 0.0, 0.0], &[]),
+    ];
+    for (proposal, contact) in cases {
+        let mut change = proposal;
+        assert!(!taught(first, &here).improve(&mut change, contact), "{proposal:?}");
+        assert_eq!(change, proposal);
+    }
+    let mut forgetful = taught(first, &here);
+    forgetful.clear();
+    // An increment without a proposal teaches nothing.
+    forgetful.learn([7.0, 7.0, 7.0].into_iter());
+    assert!(!forgetful.improve(&mut first.clone(), &here));
+}
