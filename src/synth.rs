@@ -4,6 +4,7 @@ pub mod cpu;
 mod frame;
 pub mod gpu;
 pub mod layers;
+pub mod local_origin;
 pub mod store;
 pub mod tables;
 
@@ -15,9 +16,11 @@ use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
+use crate::volume::InvalidVolume;
 use crate::volume::texture::AtlasFull;
 
 pub use frame::{Frame, FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
+use local_origin::LocalFrame;
 use tables::{Anatomy, Settings, Tables};
 
 /// Why a frame cannot be synthesised.
@@ -32,6 +35,9 @@ pub enum SynthError {
     /// The image cannot be laid out.
     #[error(transparent)]
     Image(#[from] InvalidGrid),
+    /// The volume cannot be placed about its local origin.
+    #[error(transparent)]
+    Volume(#[from] InvalidVolume),
     /// The tissues name more textures than an atlas holds.
     #[error(transparent)]
     Textures(#[from] AtlasFull),
@@ -118,6 +124,7 @@ pub struct Synthesizer {
     tables: Tables,
     plan: Plan,
     executor: Executor,
+    local: LocalFrame,
     frame: Frame,
 }
 
@@ -140,6 +147,7 @@ impl Synthesizer {
             left_out: 0,
         };
         Ok(Self {
+            local: LocalFrame::new(tables.origin),
             tables,
             plan,
             executor,
@@ -150,6 +158,7 @@ impl Synthesizer {
     /// Renders one frame. In the steady state it allocates nothing.
     pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
         self.begin(state)?;
+        let state = self.local.of(state);
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
             Executor::CpuF64(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
@@ -165,6 +174,7 @@ impl Synthesizer {
             return self.render(state).map(drop);
         }
         self.begin(state)?;
+        let state = self.local.of(state);
         if let Executor::Gpu(gpu) = &mut self.executor {
             gpu.render(&self.plan, &self.tables, state, None)?;
         }
@@ -183,10 +193,11 @@ impl Synthesizer {
         if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
             return Err(SynthError::Pose);
         }
-        if let Some(mesh) = &self.tables.anatomy.mesh {
+        if let Some(mesh) = &self.tables.mesh {
             NodeCount::check(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
-        self.frame.left_out = needle::left_out(&self.tables, state);
+        self.local.take(state);
+        self.frame.left_out = needle::left_out(&self.tables, self.local.of(state));
         self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
         Ok(())
     }
@@ -285,7 +296,7 @@ impl Synthesizer {
         }
     }
 
-    /// The beam-space results of the last frame, for ground-truth layers.
+    /// The beam-space results of the last frame, places in the world, for ground-truth layers.
     pub fn beam(&self) -> Result<layers::Beam, SynthError> {
         self.beam_after(self.plan.passes.len())
     }
@@ -294,6 +305,7 @@ impl Synthesizer {
     /// looking into a frame and for tests. All passes run if the plan has none of that name.
     pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
         self.begin(state)?;
+        let state = self.local.of(state);
         let passes = &self.plan.passes;
         let end = passes
             .iter()
@@ -308,9 +320,9 @@ impl Synthesizer {
     }
 
     fn beam_after(&self, passes: usize) -> Result<layers::Beam, SynthError> {
-        match &self.executor {
-            Executor::Cpu(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
-            Executor::CpuF64(cpu) => Ok(layers::Beam::of_store(&cpu.store, &self.tables)),
+        let local = match &self.executor {
+            Executor::Cpu(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
+            Executor::CpuF64(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
             Executor::Gpu(gpu) => {
                 let flipped = self.plan.passes[..passes]
                     .iter()
@@ -318,9 +330,10 @@ impl Synthesizer {
                     .count()
                     % 2
                     == 1;
-                gpu.beam(flipped, &self.tables)
+                gpu.beam(flipped, &self.tables)?
             }
-        }
+        };
+        Ok(self.tables.origin.beam_into_world(local))
     }
 
     /// Names of the passes compiled for the GPU, each once; none on a CPU backend.

@@ -22,7 +22,9 @@ mod segments;
 mod text;
 pub mod texture;
 
-use nalgebra::{Matrix4, Point3};
+use std::sync::Arc;
+
+use nalgebra::{Matrix4, Point3, Vector3};
 
 pub(crate) use data::read as read_data;
 pub use error::{At, VolumeError};
@@ -64,7 +66,8 @@ pub struct Label {
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     size: [usize; 3],
-    voxels: Vec<u8>,
+    /// Shared with the same volume elsewhere.
+    voxels: Arc<Vec<u8>>,
     labels: Vec<Label>,
     held: Vec<bool>,
     index_to_world: Matrix4<f64>,
@@ -143,20 +146,28 @@ impl LabelVolume {
             };
             *held = true;
         }
-        if !index_to_world.iter().all(|x| x.is_finite()) {
-            return Err(InvalidVolume::Transform);
-        }
-        let world_to_index = index_to_world.try_inverse().ok_or(InvalidVolume::Transform)?;
-        if !world_to_index.iter().all(|x| x.is_finite()) {
-            return Err(InvalidVolume::Transform);
-        }
         Ok(Self {
             size,
-            voxels,
+            voxels: Arc::new(voxels),
             labels,
             held,
+            world_to_index: inverse(&index_to_world)?,
             index_to_world,
-            world_to_index,
+        })
+    }
+
+    /// The same volume elsewhere: moved by a vector in the world, mm. The voxels are shared, not copied.
+    ///
+    /// # Errors
+    /// [`InvalidVolume::Transform`] where its place is then no finite one.
+    pub fn moved(&self, by_mm: Vector3<f64>) -> Result<Self, InvalidVolume> {
+        let mut index_to_world = self.index_to_world;
+        let place = index_to_world.fixed_view::<3, 1>(0, 3) + by_mm;
+        index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&place);
+        Ok(Self {
+            world_to_index: inverse(&index_to_world)?,
+            index_to_world,
+            ..self.clone()
         })
     }
 
@@ -224,4 +235,14 @@ impl LabelVolume {
         }
         Some(self.voxels[self.offset(voxel)])
     }
+}
+
+/// The inverse of an index-to-world transform, if both are finite.
+fn inverse(index_to_world: &Matrix4<f64>) -> Result<Matrix4<f64>, InvalidVolume> {
+    let finite = |matrix: &Matrix4<f64>| matrix.iter().all(|x| x.is_finite());
+    finite(index_to_world)
+        .then(|| index_to_world.try_inverse())
+        .flatten()
+        .filter(finite)
+        .ok_or(InvalidVolume::Transform)
 }

@@ -170,6 +170,15 @@ impl TetMesh {
         self.elements.iter().map(move |corners| signed_volume(nodes, corners))
     }
 
+    /// The same mesh elsewhere: moved by a vector, mm.
+    pub fn moved(&self, by_mm: [f64; 3]) -> TetMesh {
+        let node = |node: &[f64; 3]| [0, 1, 2].map(|axis| node[axis] + by_mm[axis]);
+        TetMesh {
+            nodes: self.nodes.iter().map(node).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Corners of the axis-aligned box around the reference nodes, mm.
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];

@@ -165,7 +165,7 @@ fn barycentric(corners: [[f64; 3]; 4], point: [f64; 3]) -> Option<[f64; 4]> {
 }
 
 fn label_report(tables: &Tables, index: u8, reference: [f64; 3]) -> LabelReport {
-    let volume = &tables.volume;
+    let volume = &tables.anatomy.volume;
     let label = volume.labels().get(usize::from(index));
     let tissue = tables.anatomy.tissues.of(index);
     let position = transform(volume.world_to_index(), reference);
@@ -188,7 +188,7 @@ fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<Tex
     let entry = tables.label_rows.get(usize::from(label))?.texture.checked_sub(1)?;
     Some(TextureReport {
         name: tables.anatomy.tissues.of(label).texture.as_deref()?.to_owned(),
-        value: atlas.sample(entry as usize, reference),
+        value: atlas.sample(entry as usize, tables.origin.into_local(reference)),
     })
 }
 

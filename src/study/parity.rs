@@ -33,6 +33,7 @@ use slack::{Slack, Step};
 
 use crate::gpu::Gpu;
 use crate::synth::layers::Beam;
+use crate::synth::local_origin::LocalFrame;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
@@ -89,7 +90,7 @@ impl Case {
     }
 }
 
-/// What stands in beam space after each pass of the plan, in order.
+/// What stands in beam space after each pass of the plan, in order, as passes see it: from the local origin.
 struct Trail {
     passes: Vec<&'static str>,
     beams: Vec<Beam>,
@@ -99,9 +100,12 @@ impl Trail {
     /// Runs the plan up to each pass in turn.
     fn of(synth: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
         let passes: Vec<&'static str> = synth.plan().passes.iter().map(|planned| planned.pass.name).collect();
-        let beams = passes.iter().map(|pass| synth.render_until(pass, state));
+        let origin = synth.tables().origin;
+        let beams = passes
+            .iter()
+            .map(|pass| Ok(origin.beam_into_local(synth.render_until(pass, state)?)));
         Ok(Self {
-            beams: beams.collect::<Result<_, _>>()?,
+            beams: beams.collect::<Result<_, SynthError>>()?,
             passes,
         })
     }
@@ -137,6 +141,8 @@ pub fn check(case: &Case, gpus: &[Gpu]) -> Result<Vec<Verdict>, SynthError> {
 
 fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, mut twin: Synthesizer) -> Result<Verdict, SynthError> {
     let own = Trail::of(&mut twin, &case.state)?;
+    let mut local = LocalFrame::new(exact.tables().origin);
+    local.take(&case.state);
     let empty = Beam::default();
     let mut slack = Slack::default();
     if own.passes != trail.passes {
@@ -146,7 +152,7 @@ fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, mut twin: Synthes
         let step = Step {
             case,
             tables: exact.tables(),
-            state: &case.state,
+            state: local.of(&case.state),
             before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
             after: &trail.beams[at],
             twin,

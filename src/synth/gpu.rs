@@ -91,7 +91,7 @@ impl GpuExecutor {
         let parts = |resource: Resource, bands: &[Band]| if resource.is_per_pixel() { bands.len() } else { 1 };
         self.buffers
             .retain(|&(resource, part), _| plan.uses(resource) && part < parts(resource, &self.bands));
-        match &tables.anatomy.mesh {
+        match &tables.mesh {
             Some(mesh) if plan.uses(Resource::ElementMaps) => {
                 self.warp.get_or_insert_with(|| Warp::new(mesh));
             }
@@ -358,7 +358,7 @@ impl GpuExecutor {
         Ok(())
     }
 
-    /// Reads the beam-space results of the last frame, as they stood after the pass that ran last.
+    /// Reads the beam-space results of the last frame, places seen from the local origin, as they stood after the pass that ran last.
     pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |resource: Resource, per_sample: usize| -> Result<Vec<u32>, GpuError> {

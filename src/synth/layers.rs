@@ -16,7 +16,8 @@ pub struct Beam {
     pub lines: usize,
     /// Samples along a scanline.
     pub samples: usize,
-    /// Reference position, mm, and the warp's flag.
+    /// Reference position in the world, mm, and the warp's flag. Passes find it in single precision, but from the local origin
+    /// ([`super::local_origin`]), and it gets to the world in double: 1e5 mm away it is as good as near it.
     pub position: Vec<[f64; 4]>,
     /// Element of the mesh that holds the sample; `u32::MAX` for none.
     pub element: Vec<u32>,
@@ -33,7 +34,7 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// Copies the central plane out of a CPU store.
+    /// Copies the central plane out of a CPU store, places as passes left them: seen from the local origin.
     pub fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
         let count = tables.lines() * tables.samples();
         let wide = |values: &[T]| values.iter().take(count).map(|x| x.wide()).collect();

@@ -63,7 +63,7 @@ impl<T: Real> Store<T> {
         if self.segments.capacity() != count(Resource::Needle, MAX_SEGMENTS) {
             self.segments = Vec::with_capacity(count(Resource::Needle, MAX_SEGMENTS));
         }
-        match (&tables.anatomy.mesh, plan.uses(Resource::Element)) {
+        match (&tables.mesh, plan.uses(Resource::Element)) {
             (Some(mesh), true) if self.states.is_none() => self.states = Some(States::new(mesh)),
             (Some(_), true) => {}
             _ => self.states = None,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::local_origin::LocalOrigin;
 use super::{SynthError, check_memory};
 use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
@@ -22,7 +23,7 @@ use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 use crate::volume::LabelVolume;
 use crate::volume::texture::{Atlas, SolidTexture};
 
-/// What is imaged: fixed for the life of a synthesizer.
+/// What is imaged, in the world: fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
 pub struct Anatomy {
     /// The labelled volume, unlabelled tissue completed.
@@ -77,15 +78,20 @@ pub struct LabelRow {
     pub texture: u32,
 }
 
-/// Everything derived from an [`Anatomy`] and [`Settings`].
+/// Everything derived from an [`Anatomy`] and [`Settings`]. Passes read places here, counted from the local origin, and none of the
+/// anatomy, which is in the world.
 #[derive(Clone, Debug)]
 pub struct Tables {
-    /// What is imaged.
+    /// What is imaged, in the world.
     pub anatomy: Anatomy,
+    /// Where the passes count places from.
+    pub origin: LocalOrigin,
     /// The settings that the tables were derived from.
     pub settings: Settings,
-    /// The volume of the anatomy.
+    /// The volume of the anatomy, seen from the local origin.
     pub volume: Arc<LabelVolume>,
+    /// Its mesh, likewise.
+    pub mesh: Option<Arc<TetMesh>>,
     /// Scanlines and samples.
     pub grid: BeamGrid,
     /// Pixels in the probe's plane.
@@ -121,8 +127,11 @@ impl Tables {
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(least_bytes(&grid, &settings))?;
+        let origin = LocalOrigin::of(&anatomy.volume);
         let mut tables = Self {
-            volume: Arc::clone(&anatomy.volume),
+            origin,
+            volume: origin.volume(&anatomy.volume)?,
+            mesh: anatomy.mesh.as_ref().map(|mesh| origin.mesh(mesh)),
             scan_map: clamped_scan_map(&grid, &image_grid),
             rays: rays(&grid),
             line_spacing: line_spacing(&grid),

@@ -15,7 +15,7 @@ pub fn warning(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Op
     for line in 0..tables.lines() {
         let first = (0..tables.samples()).find(|&sample| {
             let point = world_position(tables, probe_to_world, line, sample);
-            let label = tables.volume.label_index_at(&point);
+            let label = tables.anatomy.volume.label_index_at(&point);
             inside |= label.is_some();
             label.is_some_and(|label| label > 0)
         });

@@ -36,7 +36,7 @@ impl Slack {
     }
 }
 
-/// One pass of a case: the reference before and after it, and the twin after it.
+/// One pass of a case: the reference before and after it, and the twin after it. State and beams are seen from the local origin.
 pub struct Step<'a> {
     pub case: &'a Case,
     pub tables: &'a Tables,

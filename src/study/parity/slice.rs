@@ -34,7 +34,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// The labels that rounding may give a sample at a reference position (with its flag) known to `off` mm.
+/// The labels that rounding may give a sample at a reference position (with its flag; seen from the local origin) known to `off` mm.
 pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
     if flag == 1.0 {
         return BTreeSet::from([0]);

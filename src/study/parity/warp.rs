@@ -19,7 +19,7 @@ const POINT: f64 = 2.0 * 2.0;
 /// Bound on each coordinate of a vector (mm, world) that the element of a sample carries to the reference state: what a twin
 /// in another element makes of it, and the rounding of the map.
 pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
-    let Some(mesh) = step.tables.anatomy.mesh.as_deref() else {
+    let Some(mesh) = step.tables.mesh.as_deref() else {
         return [0.0; 3];
     };
     let nodes = current(step, mesh);
@@ -130,7 +130,7 @@ fn place(position: [f64; 4]) -> Vector3<f64> {
 }
 
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(mesh) = step.tables.anatomy.mesh.as_deref() else {
+    let Some(mesh) = step.tables.mesh.as_deref() else {
         return slack.fault("a warp pass without a mesh");
     };
     let (current, reference) = (current(step, mesh), reference(step, mesh));
@@ -183,7 +183,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 
 /// Samples so near to a surface of the mesh, deformed or not, that rounding may put them on the other side.
 pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
-    let Some(mesh) = step.tables.anatomy.mesh.as_deref() else {
+    let Some(mesh) = step.tables.mesh.as_deref() else {
         return vec![false; step.before.position.len()];
     };
     let near = |nodes: &[[f64; 3]], p: Vector3<f64>, reach: f64| {
