@@ -29,6 +29,10 @@ mod warp;
 pub use pixels::Pixels;
 pub use slice::possible_labels;
 
+use std::sync::Arc;
+
+use nalgebra::{Matrix4, Vector3};
+
 use slack::{Slack, Step};
 
 use crate::gpu::Gpu;
@@ -36,6 +40,7 @@ use crate::synth::layers::Beam;
 use crate::synth::local_origin::LocalFrame;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::volume::InvalidVolume;
 
 /// A scene to compare the backends on.
 #[derive(Clone, Debug)]
@@ -59,6 +64,28 @@ impl Case {
             settings,
             state,
         }
+    }
+
+    /// The same scene elsewhere: all of it moved by a vector in the world, mm.
+    ///
+    /// # Errors
+    /// [`InvalidVolume`] where its place is then no finite one.
+    pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, InvalidVolume> {
+        let by = Vector3::from(by_mm);
+        let mut case = self.clone();
+        case.name = format!("{} moved by {by_mm:?} mm", self.name);
+        case.anatomy.volume = Arc::new(self.anatomy.volume.moved(by)?);
+        let mesh = self.anatomy.mesh.as_ref();
+        case.anatomy.mesh = mesh.map(|mesh| Arc::new(mesh.moved(by_mm)));
+        let state = &mut case.state;
+        state.probe_to_world = Matrix4::new_translation(&by) * state.probe_to_world;
+        for shaft in state.needle.iter_mut().chain(&mut state.seeds) {
+            shaft.nodes.iter_mut().for_each(|node| *node += by);
+        }
+        for node in state.nodes.iter_mut().chain(&mut state.reference).flatten() {
+            *node = (Vector3::from(*node) + by).into();
+        }
+        Ok(case)
     }
 
     /// A synthesizer of the scene.

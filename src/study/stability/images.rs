@@ -9,6 +9,7 @@ mod faces;
 mod far;
 mod grain;
 mod hashes;
+mod moved;
 mod random;
 mod setup;
 
@@ -31,8 +32,8 @@ pub const GROUP: Group = Group {
         },
         Case {
             name: "far from the origin",
-            criterion: "probe 1e5 mm from the origin, voxels of 1e-3 and 1e3 mm: places and label boundaries within a tenth of a sample of \
-                        double precision",
+            criterion: "probe 1e5 mm from the origin with samples down to 0.016 mm, voxels of 1e-3 and 1e3 mm: places and label boundaries \
+                        within a tenth of a sample of double precision",
             covers: ALL,
             seed: 102,
             run: far::away,
@@ -82,6 +83,14 @@ pub const GROUP: Group = Group {
             covers: ALL,
             seed: 108,
             run: random::scenes,
+        },
+        Case {
+            name: "scenes moved far away",
+            criterion: "scenes of every kind, moved as a whole: 1e5 mm off by whole metres the same pixels on every backend, and places come \
+                        out in the world to 1e-9 mm; anywhere else within rounding of double precision after every pass",
+            covers: ALL,
+            seed: 109,
+            run: moved::scenes,
         },
     ],
 };

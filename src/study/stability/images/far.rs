@@ -1,6 +1,6 @@
 //! Places that single precision can barely tell apart.
 
-use nalgebra::{Matrix4, Rotation3, Vector3};
+use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings};
@@ -8,45 +8,51 @@ use crate::effects::Effects;
 use crate::effects::slice::Boundary;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::synth::FrameState;
-use crate::synth::layers::Beam;
-use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::layers::{Beam, world_position};
+use crate::synth::tables::{Anatomy, Tables};
 use crate::tracking::probe::ProbeShape;
 
 /// A probe in a volume, both at `centre`, with voxels of `voxel_mm`.
 struct Place {
     what: &'static str,
-    /// Whether the criterion speaks of it; what is finer than single precision resolves so far away is told, not judged.
-    judged: bool,
     centre: [f64; 3],
     voxel_mm: f64,
     depth_mm: f64,
 }
 
-const PLACES: [Place; 4] = [
+const PLACES: [Place; 6] = [
     Place {
         what: "1e5 mm away",
-        judged: true,
         centre: [57_000.0, -60_000.0, 56_000.0],
         voxel_mm: 1.0,
         depth_mm: 40.0,
     },
     Place {
         what: "1e5 mm away, samples of 0.016 mm",
-        judged: false,
         centre: [0.0, 100_000.0, 0.0],
         voxel_mm: 0.2,
         depth_mm: 8.0,
     },
     Place {
+        what: "1e5 mm away across, samples of 0.016 mm",
+        centre: [-57_512.3, 60_345.6, -55_987.1],
+        voxel_mm: 0.2,
+        depth_mm: 8.0,
+    },
+    Place {
+        what: "the furthest without a local origin, samples of 0.016 mm",
+        centre: [4090.0, -4090.0, 4090.0],
+        voxel_mm: 0.2,
+        depth_mm: 8.0,
+    },
+    Place {
         what: "voxels of 1e-3 mm",
-        judged: true,
         centre: [31.0, -44.0, 57.0],
         voxel_mm: 1e-3,
         depth_mm: 0.1,
     },
     Place {
         what: "voxels of 1e3 mm",
-        judged: true,
         centre: [3100.0, -4400.0, 5700.0],
         voxel_mm: 1e3,
         depth_mm: 1000.0,
@@ -72,21 +78,31 @@ fn pose(place: &Place) -> FrameState {
     FrameState::at(centre * turn * back)
 }
 
-/// Samples away from a voxel face beyond which a label must be that of double precision, and how far places are off: both in samples.
-fn worst(settings: &Settings, exact: &Beam, found: &Beam) -> [f64; 2] {
-    let sample_mm = settings.probe.depth_mm / f64::from(settings.probe.samples);
-    let off = |(a, b): (&[f64; 4], &[f64; 4])| {
-        let apart = Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
-        apart.norm() / sample_mm
+/// Where samples are and what they hold, from pose and volume in double precision: no pass and no local origin has a part in it.
+fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
+    let samples = (0..tables.lines()).flat_map(|line| (0..tables.samples()).map(move |sample| (line, sample)));
+    samples
+        .map(|(line, sample)| {
+            let point = world_position(tables, &state.probe_to_world, line, sample);
+            (point, tables.anatomy.volume.label_index_at(&point).unwrap_or(0))
+        })
+        .collect()
+}
+
+/// How far places are off, in samples, and the most labels in a row that are not those of double precision.
+fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], found: &Beam) -> [f64; 2] {
+    let off = |((exact, _), found): (&(Point3<f64>, u8), &[f64; 4])| {
+        let apart = exact.coords - Vector3::new(found[0], found[1], found[2]);
+        apart.norm() / tables.sample_mm()
     };
-    let places = largest(exact.position.iter().zip(&found.position).map(off));
-    // A label of another backend is that of double precision at the sample itself or at one so many samples along the line; bands
+    let places = largest(exact.iter().zip(&found.position).map(off));
+    // A label of a backend is that of double precision at the sample itself or at one so many samples along the line; bands
     // would be many samples thick.
-    let samples = exact.samples;
+    let samples = found.samples;
     let mut bands = 0usize;
-    for (exact, found) in exact.label.chunks(samples).zip(found.label.chunks(samples)) {
+    for (exact, found) in exact.chunks(samples).zip(found.label.chunks(samples)) {
         let mut run = 0;
-        for (a, b) in exact.iter().zip(found) {
+        for ((_, a), b) in exact.iter().zip(found) {
             run = if a == b { 0 } else { run + 1 };
             bands = bands.max(run);
         }
@@ -97,7 +113,6 @@ fn worst(settings: &Settings, exact: &Beam, found: &Beam) -> [f64; 2] {
 /// Errors of places in samples, and of the boundaries of labels.
 pub fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
-    let samples = 512;
     for (at, place) in PLACES.iter().enumerate() {
         let anatomy = anatomy(place);
         let mut effects = Effects::default();
@@ -105,32 +120,25 @@ pub fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let shape = ProbeShape::Linear {
             width_mm: place.depth_mm.clamp(1.0, 300.0),
         };
-        let settings = settings(shape, place.depth_mm, [64, samples], effects);
+        let settings = settings(shape, place.depth_mm, [64, 512], effects);
         let state = pose(place);
-        let mut synths = everywhere(&anatomy, &settings, &gpus)?.into_iter();
-        let Some(mut reference) = synths.next() else { continue };
-        let exact = reference.render_until("slice", &state)?;
-        let hit = exact.label.iter().filter(|label| **label > 0).count();
+        let synths = everywhere(&anatomy, &settings, &gpus)?;
+        let Some(tables) = synths.first().map(|synth| synth.tables().clone()) else {
+            continue;
+        };
+        let exact = truth(&tables, &state);
+        let hit = exact.iter().filter(|(_, label)| *label > 0).count();
         record.under(
             format!("{}: samples over those in the volume", place.what),
-            exact.label.len() as f64 / hit as f64,
+            exact.len() as f64 / hit as f64,
             100.0,
         );
         for mut synth in synths {
             let found = synth.render_until("slice", &state)?;
-            let [places, bands] = worst(&settings, &exact, &found);
-            let backend = name(&synth);
-            let figures = [
-                ("places off, samples", places, 0.1),
-                ("wrong labels in a row along a scanline", bands, 1.0),
-            ];
-            for (what, figure, limit) in figures {
-                let what = format!("{}, {backend}: {what}", place.what);
-                match place.judged {
-                    true => record.under(what, figure, limit),
-                    false => record.report(what, figure),
-                }
-            }
+            let [places, bands] = worst(&tables, &exact, &found);
+            let what = format!("{}, {}", place.what, name(&synth));
+            record.under(format!("{what}: places off, samples"), places, 0.1);
+            record.under(format!("{what}: wrong labels in a row along a scanline"), bands, 1.0);
         }
         record.done((at + 1) as f64 / PLACES.len() as f64);
     }
