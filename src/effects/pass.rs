@@ -23,7 +23,7 @@ pub struct View<'a> {
 pub enum Resource {
     /// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
     Rays,
-    /// Per sample and sub-plane: world, then reference position, and a flag (`vec4<f32>`).
+    /// Per sample and sub-plane: current, then reference position, from the local origin, and a flag (`vec4<f32>`).
     Position,
     /// Per sample and sub-plane: element that held it in the last frame (`u32`).
     Element,

@@ -1,7 +1,7 @@
 //! Speckle: fully developed, anchored in the tissue.
 //!
-//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, each a complex random number
-//! from a hash of its lattice point. A sample interpolates the eight around its reference position, weighted by its echo
+//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, from the local origin on
+//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its reference position, weighted by its echo
 //! amplitude; the point spread of the probe then acts in the beam frame as a separable convolution: across the plane
 //! (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The
 //! envelope is the modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over

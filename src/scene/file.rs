@@ -90,7 +90,8 @@ impl SceneFile {
     }
 }
 
-/// What is imaged: exactly one of `phantom` and `file`.
+/// What is imaged: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
+/// same coordinates: where a coordinate of its centre exceeds 4096 mm, all of it is synthesised about the nearest whole metres.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VolumeSpec {
@@ -103,7 +104,7 @@ pub struct VolumeSpec {
     /// Phantom only: seed of its uneven surfaces, vessels and gas. Default 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// A label file: NIfTI, NRRD or MetaImage.
+    /// A label file: NIfTI, NRRD or MetaImage. NIfTI holds its place in single precision, in steps of 0.008 mm at 1e5 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// File only: what unlabelled voxels are taken for. Default `auto`: a body is closed around the labelled anatomy unless

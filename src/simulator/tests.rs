@@ -32,6 +32,8 @@ struct Fake {
     outcome: Outcome,
     slow: Duration,
     mesh: Option<Arc<TetMesh>>,
+    /// Where the needle enters.
+    entry: Vector3<f64>,
     asked: Arc<Asked>,
 }
 
@@ -89,11 +91,12 @@ impl Model for Fake {
         let mark = self.step as f64;
         into.time_s = mark;
         into.line.set([
-            (0.0, Point3::new(0.0, 0.0, mark)),
-            (1.0 + mark, Point3::new(1.0, 0.0, mark)),
+            (0.0, Point3::new(0.0, 0.0, mark) + self.entry),
+            (1.0 + mark, Point3::new(1.0, 0.0, mark) + self.entry),
         ]);
         into.seeds.clear();
-        into.seeds.resize(self.step as usize % 7, Point3::new(mark, 0.0, 0.0));
+        into.seeds
+            .resize(self.step as usize % 7, Point3::new(mark, 0.0, 0.0) + self.entry);
         into.moved.clear();
         into.moved.resize(self.step as usize % 5, (self.step as u32, [mark; 3]));
         match &mut into.field {

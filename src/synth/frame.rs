@@ -27,7 +27,8 @@ impl NeedleShaft {
     }
 }
 
-/// What changes from frame to frame.
+/// What changes from frame to frame. All places are in the world, however far from its origin: they are double precision, and are
+/// moved near 0 before they are rounded ([`super::local_origin`]).
 #[derive(Clone, Debug)]
 pub struct FrameState {
     /// Number of the frame; it seeds the additive noise.

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 
 use insonify::effects::Effects;
 use insonify::mechanics::mesh::Displacement;
+use insonify::study::parity::Case;
 use insonify::synth::tables::{Anatomy, Settings};
 use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use nalgebra::Vector3;
@@ -138,6 +139,23 @@ fn a_hundred_frames_allocate_nothing() {
         assert!(calls <= (FRAMES as u64 * 32).div_ceil(63), "{calls} allocations");
         assert!(held.abs() <= 4096, "{held} bytes more are held");
     }
+    // Far from the origin of the world every state is moved before it is rendered.
+    let far = |state: &FrameState| {
+        let case = Case::new("", anatomy.clone(), settings.clone(), state.clone());
+        case.moved([1e5, -2e4, 300.0]).expect("a case")
+    };
+    let cases: Vec<Case> = states.iter().map(far).collect();
+    let mut synthesizer = cases[0].on(Backend::Cpu).expect("a synthesizer");
+    let mut run = || {
+        for case in &cases {
+            synthesizer.render(&case.state).expect("a frame");
+        }
+    };
+    let (calls, held) = pool.install(|| {
+        run();
+        count(&mut run)
+    });
+    assert_eq!((calls, held), (0, 0), "calls and bytes in {FRAMES} frames far away");
     let synthesizer = Synthesizer::new(anatomy, settings, Backend::Cpu).expect("a synthesizer");
     let mut rounds = simulator::rounds(synthesizer, states[0].probe_to_world, FRAMES);
     let (calls, held) = pool.install(|| {

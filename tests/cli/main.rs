@@ -3,6 +3,7 @@
 mod adapters;
 mod bad_input;
 mod beam;
+mod far;
 mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]

@@ -11,7 +11,8 @@ use crate::mechanics::mesh::TetMesh;
 use crate::scene::SceneFile;
 use crate::simulator::seeds::Seeds;
 use crate::simulator::{Haptic, InvalidImaging, Simulator};
-use crate::synth::{Backend, Synthesizer};
+use crate::study::parity::Case;
+use crate::synth::{Backend, FrameState, Synthesizer};
 
 /// An anatomy of one block with a mesh of it or without, and a probe on it.
 fn scene(meshed: bool) -> (Synthesizer, Matrix4<f64>, Option<Arc<TetMesh>>) {
@@ -80,6 +81,47 @@ fn frames_show_the_latest_state_and_tissue_is_computed_once_for_each() {
     assert_eq!(tissues(), 2);
     drop(haptic);
     assert!(imaging.frame(&pose).expect("frame").pixels == moved);
+}
+
+#[test]
+fn a_patient_far_from_the_origin_is_imaged_as_one_near_it() {
+    let (synthesizer, pose, _) = scene(true);
+    let mut settings = synthesizer.settings().clone();
+    (settings.has_needle, settings.effects.needle) = (true, Some(Default::default()));
+    let near = Case::new(
+        "patient",
+        synthesizer.tables().anatomy.clone(),
+        settings,
+        FrameState::at(pose),
+    );
+    // Whole metres, and a needle with seeds behind it in the plane, some of them in the tissue.
+    let by = [-64_000.0, 1e5, 2_000.0];
+    let far = near.moved(by).expect("a place");
+    let entry = Vector3::new(-3.0, 2.0, -4.0);
+    let frames = [(&near, entry), (&far, entry + Vector3::from(by))].map(|(case, entry)| {
+        let model = Fake {
+            mesh: case.anatomy.mesh.clone(),
+            entry,
+            ..Fake::default()
+        };
+        let synthesizer = case.on(Backend::Cpu).expect("synthesizer");
+        let mut simulator = Simulator::new(Box::new(model), synthesizer, 1.27, patient()).expect("simulator");
+        let mut frames = Vec::new();
+        for step in 0..6 {
+            simulator.step(&instruments(step), 1e-3).expect("step");
+            frames.push(simulator.frame(&case.state.probe_to_world).expect("frame").clone());
+        }
+        frames
+    });
+    for (near, far) in frames[0].iter().zip(&frames[1]) {
+        assert!(near.pixels == far.pixels);
+        let back = Matrix4::new_translation(&-Vector3::from(by)) * far.image_to_world;
+        assert!((back - near.image_to_world).abs().max() < 1e-9);
+    }
+    assert!(
+        frames[0].windows(2).all(|pair| pair[0].pixels != pair[1].pixels),
+        "they move"
+    );
 }
 
 #[test]

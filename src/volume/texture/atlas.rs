@@ -27,7 +27,7 @@ impl Default for Placement {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct AtlasEntry {
-    /// Rows that take a world position in mm to a fractional voxel index; the fourth number pads.
+    /// Rows that take a position in mm to a fractional voxel index; the fourth number pads.
     pub to_voxel: [[f32; 4]; 3],
     /// Voxels along each axis.
     pub size: [u32; 3],
@@ -77,13 +77,13 @@ impl Atlas {
         Ok(atlas)
     }
 
-    /// The multiplier of texture `entry` at a world position, mm. `entry` must be below the number of entries.
+    /// The multiplier of texture `entry` at a position, mm, counted from where its voxel (0, 0, 0) is. `entry` must be below the number of entries.
     #[inline]
-    pub fn sample<T: Real>(&self, entry: usize, world_mm: [T; 3]) -> T {
+    pub fn sample<T: Real>(&self, entry: usize, position_mm: [T; 3]) -> T {
         let AtlasEntry { to_voxel, size, offset } = self.entries[entry];
         let index = to_voxel.map(|row| {
             let [x, y, z] = [row[0], row[1], row[2]].map(|number| T::of(f64::from(number)));
-            x * world_mm[0] + y * world_mm[1] + z * world_mm[2]
+            x * position_mm[0] + y * position_mm[1] + z * position_mm[2]
         });
         trilinear(&self.data[offset as usize..], size, index)
     }

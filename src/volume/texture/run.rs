@@ -9,7 +9,7 @@ use crate::simd::{Kernel, vectorised};
 const BLOCK: usize = 32;
 
 impl Atlas {
-    /// Multiplies each amplitude by the multiplier of texture `entry` at its position (world mm; the fourth component is not
+    /// Multiplies each amplitude by the multiplier of texture `entry` at its position (mm; the fourth component is not
     /// read), departing from 1 by `strength` as much as the texture does.
     pub fn apply<T: Real>(&self, entry: usize, strength: T, positions: &[[T; 4]], amplitudes: &mut [T]) {
         for (positions, amplitudes) in positions.chunks(BLOCK).zip(amplitudes.chunks_mut(BLOCK)) {
