@@ -81,7 +81,7 @@ fn a_scene_moved_far_away_gives_the_same_frames_and_places_in_the_world() {
         let layers = LAYERS.join(",");
         bench
             .run(&format!(
-                "render {name}.toml --backend cpu -o {name}/a.png --layers {layers} --sidecar"
+                "render {name}.toml --backend cpu -o {name} --layers {layers} --sidecar"
             ))
             .text();
         bench
