@@ -11,7 +11,7 @@ use crate::synth::{FrameState, tables::Tables};
 pub struct View<'a> {
     /// What the scene fixes until it is edited.
     pub tables: &'a Tables,
-    /// What changes from frame to frame.
+    /// What changes from frame to frame, seen from the local origin.
     pub state: &'a FrameState,
     /// Search grids of the mesh as packed for the GPU; none on the CPU.
     pub warp: Option<&'a WarpParams>,
