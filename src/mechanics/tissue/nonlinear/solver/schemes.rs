@@ -79,15 +79,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 self.anderson.improve(memory, &mut self.change);
             }
             self.change(target);
-            let mut next = self.residual(target);
-            let worse = next >= residual || next.is_nan();
-            // What is prescribed arrives at once, and may throw forces out of balance that were in it: up to the largest there are.
-            let lost = if pending {
-                !(next <= 1.0)
+            let next = self.residual(target);
+            let lost = next.is_nan();
+            let worse = next >= residual || lost;
+            let balanced = next <= self.options.tolerance;
+            // What is prescribed arrives at once, and may throw forces out of balance that were in it: by the largest there are.
+            let misled = if pending {
+                next > 1.0 || lost
             } else {
-                worse && !(next <= self.options.tolerance)
+                worse && !balanced
             };
-            if foreseen && lost {
+            if foreseen && misled {
                 // This increment is unlike the last one.
                 self.foresight.clear();
                 self.state.take(&self.before);
@@ -96,18 +98,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             }
             if pending {
                 (own, tried, first) = (false, 0, next);
-            } else if next > self.options.tolerance || next.is_nan() {
+            } else if !balanced {
                 tried += 1;
+                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
                 if worse {
-                    self.anderson.clear();
-                }
-                if worse && own {
-                    next = self.backtrack(target, residual, next);
-                } else if worse {
                     self.state.take(&self.before);
                 }
-                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
-                if (worse && !own) || slow {
+                if worse && own {
+                    // Its own factor leads nowhere from here; the derivative does.
+                    return self.newton(target);
+                }
+                if worse || slow {
                     self.factor(Kind::Scalar)?;
                     residual = self.residual(target);
                     (own, tried, first) = (true, 0, residual);
