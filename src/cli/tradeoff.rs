@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use insonify::study::stability::Effort;
+use insonify::study::tradeoff::Pace;
 use insonify::study::tradeoff::gather::{Means, STUDIES, gather};
 use insonify::study::tradeoff::report::Report;
 
@@ -43,6 +44,12 @@ pub struct Tradeoff {
     /// Small meshes and short ways: minutes become seconds
     #[arg(long)]
     quick: bool,
+    /// Frames a second that the report picks for
+    #[arg(long, value_name = "HZ", default_value = "60", value_parser = rate)]
+    frames_per_s: f64,
+    /// Steps of the mechanics a second that the report picks for
+    #[arg(long, value_name = "HZ", default_value = "1000", value_parser = rate)]
+    steps_per_s: f64,
     /// Only these studies
     #[arg(long, value_name = "STUDY,...", value_delimiter = ',')]
     only: Vec<String>,
@@ -94,8 +101,12 @@ impl Tradeoff {
         let wanted = wanted.filter(|entry| self.only.is_empty() || self.only.iter().any(|name| name == entry.name));
         let wanted: Vec<_> = wanted.collect();
         made(&self.output)?;
+        let pace = Pace {
+            frames: self.frames_per_s,
+            steps: self.steps_per_s,
+        };
         let report = watched(self.quiet, |progress| {
-            gather(&wanted, &Means::here(), effort(self.quick), progress)
+            gather(&wanted, &Means::here(), effort(self.quick), pace, progress)
         });
         let files = report.write(&self.output)?;
         if !self.quiet {
@@ -118,9 +129,25 @@ impl Tradeoff {
     }
 }
 
+/// A number of times a second.
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(hz) if (0.1..=1e5).contains(&hz) => Ok(hz),
+        _ => Err("expected 0.1 to 100000 times a second".to_owned()),
+    }
+}
+
 /// Advice and flags, for the terminal.
 fn in_short(report: &Report) -> String {
     let mut lines = Vec::new();
+    let mut at_pace = report.in_time().peekable();
+    if at_pace.peek().is_some() {
+        lines.push(format!(
+            "For {} frames and {} steps a second",
+            report.pace.frames, report.pace.steps
+        ));
+    }
+    lines.extend(at_pace.map(|found| format!("  {}", found.sentence())));
     for chapter in &report.chapters {
         let mut own = Vec::new();
         for section in &chapter.sections {

@@ -21,6 +21,7 @@ pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
+mod pace;
 pub mod remesh;
 mod render;
 pub mod report;
@@ -31,6 +32,7 @@ pub mod tissue;
 use serde::{Deserialize, Serialize};
 
 pub use advice::{Advice, FORCE_N, GREY_LEVELS, Goal, SHIFT_MM, Way};
+pub use pace::{Beat, InTime, Pace};
 pub use render::RenderError;
 
 use super::machine::Machine;
@@ -199,7 +201,9 @@ impl Table {
     /// # Panics
     /// If a key is none of the table's: that is the program's own fault.
     pub fn seeking(mut self, goal: Goal) -> Self {
-        let mut axes = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
+        let timed = goal.every.map(|(_, key)| key);
+        let axes = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
+        let mut axes = axes.chain(timed);
         let mut factors = goal.each.iter().chain(&goal.over);
         let known = axes.all(|key| self.axis(key).is_some()) && factors.all(|key| self.factor(key).is_some());
         assert!(known, "keys of {}: {goal:?}", self.key);

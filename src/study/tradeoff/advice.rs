@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::pace::Beat;
 use super::render::number;
 use super::{Row, Table};
 
@@ -38,6 +39,8 @@ pub struct Goal {
     pub each: Vec<&'static str>,
     /// Keys of factors under all of whose choices a way must do.
     pub over: Vec<&'static str>,
+    /// What must be done in time, and the key of the axis that says what it takes, ms; none where it is done once.
+    pub every: Option<(Beat, &'static str)>,
 }
 
 /// One recommendation.
@@ -67,6 +70,7 @@ impl Goal {
             beside: Vec::new(),
             each: Vec::new(),
             over: Vec::new(),
+            every: None,
         }
     }
 
@@ -85,6 +89,12 @@ impl Goal {
     /// Advice for each choice of these factors.
     pub fn each(mut self, factors: &[&'static str]) -> Self {
         self.each = factors.to_vec();
+        self
+    }
+
+    /// It is done in every frame or step, whose time is on this axis, ms.
+    pub fn in_every(mut self, beat: Beat, time: &'static str) -> Self {
+        self.every = Some((beat, time));
         self
     }
 
@@ -122,24 +132,45 @@ impl Table {
     /// What to take, by the goal of the table; nothing without one.
     pub fn advice(&self) -> Vec<Advice> {
         let Some(goal) = &self.goal else { return Vec::new() };
-        let mut given: Vec<Vec<&str>> = Vec::new();
+        let groups = self.groups(goal);
+        groups.iter().map(|rows| self.advise(goal, rows)).collect()
+    }
+
+    /// The rows under each combination of the choices that are given.
+    pub(super) fn groups(&self, goal: &Goal) -> Vec<Vec<&Row>> {
+        let mut groups: Vec<(Vec<&str>, Vec<&Row>)> = Vec::new();
         for row in &self.rows {
             let own = self.choices(row, &goal.each);
-            if !given.contains(&own) {
-                given.push(own);
+            match groups.iter_mut().find(|(given, _)| *given == own) {
+                Some((_, rows)) => rows.push(row),
+                None => groups.push((own, vec![row])),
             }
         }
-        let of = |given: Vec<&str>| {
-            let alike = self.rows.iter().filter(|row| self.choices(row, &goal.each) == given);
-            self.advise(goal, &alike.collect::<Vec<_>>())
-        };
-        given.into_iter().map(of).collect()
+        groups.into_iter().map(|(_, rows)| rows).collect()
+    }
+
+    /// What is chosen, in words.
+    pub(super) fn choosing(&self, goal: &Goal) -> String {
+        match goal.choosing.is_empty() {
+            true => self.title.clone(),
+            false => goal.choosing.to_owned(),
+        }
+    }
+
+    /// The choices that rows share, in words.
+    pub(super) fn given(&self, goal: &Goal, rows: &[&Row]) -> String {
+        let first = rows.first();
+        first.map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key)))
+    }
+
+    /// Unit of an axis; empty where there is none.
+    pub(super) fn unit(&self, key: &str) -> &'static str {
+        self.axis(key).map_or("", |at| self.axes[at].unit())
     }
 
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
         let (ways, wrong) = self.ways(goal, rows);
-        let unit = |key: &str| self.axis(key).map_or("", |at| self.axes[at].unit());
-        let (cost_unit, error_unit) = (unit(goal.cost), unit(goal.error));
+        let (cost_unit, error_unit) = (self.unit(goal.cost), self.unit(goal.error));
         let cost = |way: &Way| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
         let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
@@ -197,13 +228,8 @@ impl Table {
             _ => words += &format!(" {wrong} rows are marked WRONG and left out."),
         }
         Advice {
-            choosing: match goal.choosing.is_empty() {
-                true => self.title.clone(),
-                false => goal.choosing.to_owned(),
-            },
-            given: rows
-                .first()
-                .map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key))),
+            choosing: self.choosing(goal),
+            given: self.given(goal, rows),
             take: take.cloned(),
             units: [cost_unit, error_unit].map(str::to_owned),
             words,
@@ -211,7 +237,7 @@ impl Table {
     }
 
     /// The ways among rows, and how many rows are flagged.
-    fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Way>, usize) {
+    pub(super) fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Way>, usize) {
         let fixed = |key: &&str| goal.each.contains(key) || goal.over.contains(key);
         let all = self.conditions(goal, rows);
         let name = |row: &Row| self.name(row, |key| !fixed(&key));

@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
-use super::{Study, beam, history, image, insertion, remesh, tissue};
+use super::{Pace, Study, beam, history, image, insertion, remesh, tissue};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::machine::{self, Machine};
 use crate::study::stability::Effort;
@@ -73,9 +73,9 @@ impl Means {
     }
 }
 
-/// Makes every study of a list. `progress` is told what is being done and the share that is done, ascending from 0 to 1. A study
+/// Makes every study of a list, and says what to take at a pace. `progress` is told what is being done and the share that is done, ascending from 0 to 1. A study
 /// that cannot be made is named in the report with its reason; the others go on.
-pub fn gather(entries: &[Entry], means: &Means, effort: Effort, progress: Progress<'_>) -> Report {
+pub fn gather(entries: &[Entry], means: &Means, effort: Effort, pace: Pace, progress: Progress<'_>) -> Report {
     let start = Instant::now();
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());
     for (at, entry) in entries.iter().enumerate() {
@@ -87,7 +87,7 @@ pub fn gather(entries: &[Entry], means: &Means, effort: Effort, progress: Progre
         };
         let begun = Instant::now();
         match (entry.run)(means, effort, &mut inner) {
-            Ok(study) => chapters.push(Chapter::of(entry, &study, begun.elapsed())),
+            Ok(study) => chapters.push(Chapter::of(entry, &study, &pace, begun.elapsed())),
             Err(error) => missing.push(Missing {
                 name: entry.name.to_owned(),
                 reason: error.to_string(),
@@ -100,6 +100,7 @@ pub fn gather(entries: &[Entry], means: &Means, effort: Effort, progress: Progre
         program: concat!("insonify ", env!("CARGO_PKG_VERSION")).to_owned(),
         date: machine::today(),
         effort,
+        pace,
         machine: Machine::here(),
         seconds: start.elapsed().as_secs_f64(),
         notes: means.missing.clone(),

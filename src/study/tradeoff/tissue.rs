@@ -10,7 +10,7 @@ mod subject;
 mod tests;
 
 use super::gather::Entry;
-use super::{Axis, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::{CreepError, Memory};
@@ -257,6 +257,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     .seeking(
         Goal::new("total_ms", "error_n", FORCE_N)
             .choosing("model of tissue")
+            .in_every(Beat::Step, "p95_ms")
             .beside(&["p95_ms", "error_mm", "relaxed_n"]),
     );
     for (name, model) in ALL_MODELS {

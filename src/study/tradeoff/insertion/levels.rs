@@ -9,7 +9,7 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// The first is what the others are compared with.
 const LEVELS: [(Level, &str); 4] = [
@@ -83,6 +83,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         Goal::new("remesh_median_ms", "tip_after_mm", SHIFT_MM)
             .over(&["probe"])
             .choosing("level of remeshing along an insertion")
+            .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["median_ms", "max_ms", "force_after_n"]),
     );
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);

@@ -5,7 +5,7 @@ use super::course::{self, Course, Step};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::needle::{Shaft, Stiffness};
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 
 /// Lengths of links, mm, the finest last: the others are compared with it.
 const LINKS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.5, 1.25];
@@ -39,6 +39,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     .seeking(
         Goal::new("median_ms", "tip_mm", SHIFT_MM)
             .choosing("links of the needle")
+            .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["p99_ms", "force_n"]),
     );
     let course = Course {

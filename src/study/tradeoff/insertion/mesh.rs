@@ -5,7 +5,7 @@ use super::course::{self, Course, Step};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::needle::Stiffness;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Table};
+use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Goal, Table};
 
 /// Shares of the nodes asked for, the finest last: the others are compared with it.
 const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
@@ -57,6 +57,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     .seeking(
         Goal::new("median_ms", "force_rms_n", FORCE_N)
             .choosing("mesh of the tissue")
+            .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["p99_ms", "tip_mm", "elements"]),
     );
     let inward = course.moved();

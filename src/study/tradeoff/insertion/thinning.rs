@@ -6,7 +6,7 @@ use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::insertion::finite::Setup;
 use crate::mechanics::needle::Stiffness;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 
 /// Rings of candidates of which one is kept; the first has all.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
@@ -39,6 +39,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     .seeking(
         Goal::new("median_ms", "tip_mm", SHIFT_MM)
             .choosing("candidates of the probe")
+            .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["p99_ms", "candidates", "probe_percent", "force_n"]),
     );
     let course = Course {

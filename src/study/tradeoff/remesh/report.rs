@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::machine::Machine;
 use crate::study::spread::Spread;
-use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [
     Factor {
@@ -137,6 +137,7 @@ impl Report {
             .seeking(
                 Goal::new("median_ms", "error_mm", SHIFT_MM)
                     .choosing("level of remeshing")
+                    .in_every(Beat::Step, "p95_ms")
                     .each(&["nodes"])
                     .beside(&["p95_ms", "prepare_ms", "held_mb"]),
             ),

@@ -208,7 +208,13 @@ fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
     use crate::study::tradeoff::gather::{Means, gather};
     let report = |run| {
         let entry = Entry { run, ..ENTRY };
-        gather(&[entry], &Means::default(), Effort::Quick, &mut |_, _| {})
+        gather(
+            &[entry],
+            &Means::default(),
+            Effort::Quick,
+            crate::study::tradeoff::Pace::default(),
+            &mut |_, _| {},
+        )
     };
     let (right, wrong) = (report(|_, _, _| Ok(offset(0.0)?)), report(|_, _, _| Ok(offset(1e-5)?)));
     assert_eq!(

@@ -17,6 +17,7 @@ impl Report {
             let _ = writeln!(text, "\n{note}");
         }
         let _ = writeln!(text, "\n{}", self.verdict());
+        self.pace_in_markdown(&mut text);
         let _ = write!(text, "\n## In short\n\n");
         for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
             for advice in &section.advice {
@@ -49,6 +50,27 @@ impl Report {
             }
         }
         text
+    }
+
+    /// What to take at the pace that is wanted.
+    fn pace_in_markdown(&self, text: &mut String) {
+        if self.in_time().next().is_none() {
+            return;
+        }
+        let [heading, times] = self.at_this_pace();
+        let _ = write!(text, "\n## {heading}\n\n{times}\n\n");
+        text.push_str("| for | take | it takes | it is off by | better |\n|---|---|---:|---:|---|\n");
+        for found in self.in_time() {
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} ms | {} | {} |",
+                found.what(),
+                found.way(),
+                number(found.take.cost),
+                found.off(&found.take),
+                found.beyond()
+            );
+        }
     }
 
     /// On what and when it was measured.

@@ -33,11 +33,41 @@ impl Report {
             );
             page.paragraph("warning", &text);
         }
+        self.in_time_on(&mut page);
         self.in_short(&mut page);
         for chapter in &self.chapters {
             chapter.show(&mut page)?;
         }
         Ok(page.finish())
+    }
+
+    /// What to take at the pace that is wanted, one line each.
+    fn in_time_on(&self, page: &mut Page) {
+        let rows = self.in_time().map(|found| {
+            let cells = vec![
+                Cell::Text(found.what()),
+                Cell::Text(found.way()),
+                Cell::Number(format!("{} ms", number(found.take.cost))),
+                Cell::Number(found.off(&found.take)),
+                Cell::Text(found.beyond()),
+            ];
+            (if found.met { "" } else { "wrong" }, cells)
+        });
+        let rows: Vec<_> = rows.collect();
+        if rows.is_empty() {
+            return;
+        }
+        let [heading, times] = self.at_this_pace();
+        page.put(format_args!("<h2>{}</h2>", escape(&heading)));
+        page.paragraph("soft", &times);
+        let headings = [
+            Cell::Text("for".to_owned()),
+            Cell::Text("take".to_owned()),
+            Cell::Number("it takes".to_owned()),
+            Cell::Number("it is off by".to_owned()),
+            Cell::Text("better, but slower".to_owned()),
+        ];
+        page.stacked(&headings, &rows);
     }
 
     /// What to take, one line each.

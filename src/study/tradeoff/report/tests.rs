@@ -1,6 +1,6 @@
 use super::*;
 use crate::study::tradeoff::gather::{Means, STUDIES, gather};
-use crate::study::tradeoff::{Axis, Factor, Figure, Goal};
+use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, InTime, Pace};
 
 const FACTORS: [Factor; 1] = [Factor {
     key: "way",
@@ -16,6 +16,7 @@ const AXES: [Axis; 4] = [
 /// The gold standard, a good way, and one that is off by as much as asked; a trace of it.
 fn study(off: f64) -> Study {
     let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
+    let goal = goal.in_every(Beat::Step, "p95_ms");
     let mut table = Table::new("ways", "Ways & means", &FACTORS, &AXES)
         .against("the exact way")
         .seeking(goal);
@@ -77,9 +78,15 @@ const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
 const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));
 const BROKEN: Entry = entry("broken", |_, _, _| Err("no memory".into()));
 
+/// A step may take 5 ms.
+const PACE: Pace = Pace {
+    frames: 60.0,
+    steps: 200.0,
+};
+
 fn report(entries: &[Entry]) -> Report {
     let mut told = Vec::new();
-    let report = gather(entries, &Means::default(), Effort::Quick, &mut |_, share| {
+    let report = gather(entries, &Means::default(), Effort::Quick, PACE, &mut |_, share| {
         told.push(share)
     });
     assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
@@ -110,6 +117,24 @@ fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
         assert_eq!(page.contains("WRONG") && markdown.contains("marked WRONG"), wrong == 1);
         let take = report.chapters[0].sections[0].advice[0].take.as_ref().unwrap();
         assert_eq!(take.name, "good, \"or so\"");
+    }
+}
+
+#[test]
+fn what_keeps_to_the_pace_stands_first() {
+    let report = report(&[RIGHT]);
+    let found: Vec<&InTime> = report.in_time().collect();
+    assert_eq!(found.len(), 1);
+    // 1.5 times 2 ms; the exact way takes 13.5.
+    assert_eq!(
+        found[0].sentence(),
+        "Ways & means: good, \"or so\": 3.00 ms, off by 0.0500 mm"
+    );
+    let (page, markdown) = (report.page().unwrap(), report.markdown());
+    for text in [&page, &markdown] {
+        let [pace, short] = ["For 60 frames and 200 steps a second", "In short"].map(|it| text.find(it));
+        assert!(pace.is_some() && pace < short, "{text}");
+        assert!(text.contains("exact: 13.5 ms, the gold standard itself"), "{text}");
     }
 }
 

@@ -1,0 +1,88 @@
+use super::*;
+use crate::study::tradeoff::{Axis, Factor};
+
+const FACTORS: [Factor; 3] = [factor("content"), factor("way"), factor("load")];
+const AXES: [Axis; 3] = [
+    Axis::log("ms", "ms", "time, ms"),
+    Axis::log("p95_ms", "p95", "time (95th percentile), ms"),
+    Axis::log("error", "error", "error, grey levels"),
+];
+
+const fn factor(key: &'static str) -> Factor {
+    Factor { key, label: key }
+}
+
+/// Ways by name with their error; the 95th percentile is twice the time, and under the larger load twice that.
+fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
+    let goal = Goal::new("ms", "error", (5.0, "nobody sees it")).choosing("grid");
+    let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
+        .against("the finest")
+        .seeking(goal.each(&["content"]).over(&["load"]).in_every(Beat::Frame, "p95_ms"));
+    for (content, way, ms, error) in rows {
+        for (load, times) in [("small", 1.0), ("large", 2.0)] {
+            let choices = [content, way, load].map(str::to_owned);
+            let values = vec![Some(times * ms), Some(2.0 * times * ms), Some(*error)];
+            table.push(choices.to_vec(), values, None);
+        }
+    }
+    table
+}
+
+fn names(table: &Table, pace: &Pace) -> Vec<(String, bool)> {
+    let found = table.in_time(pace).into_iter();
+    found.map(|found| (found.take.name, found.met)).collect()
+}
+
+/// 16.7 ms at 60 frames a second: the time that counts is the 95th percentile under the worst load.
+#[test]
+fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
+    let rows = [
+        ("plain", "coarse", 1.0, 20.0),
+        ("plain", "middle", 4.0, 9.0),
+        ("plain", "fine", 4.5, 6.0),
+        ("full", "middle", 10.0, 9.0),
+        ("full", "fine", 90.0, 4.0),
+    ];
+    let found = table(&rows).in_time(&Pace::default());
+    assert_eq!(found.len(), 2);
+    let (plain, full) = (&found[0], &found[1]);
+    assert_eq!(
+        plain.sentence(),
+        "grid (plain): middle: 16.0 ms, off by 9.00 grey levels"
+    );
+    assert_eq!(plain.beyond(), "fine: 18.0 ms, 6.00 grey levels");
+    assert!(plain.met && !full.met);
+    assert_eq!(
+        full.sentence(),
+        "grid (full): middle: the fastest, but too slow: 40.0 ms, off by 9.00 grey levels"
+    );
+    assert_eq!(full.beyond(), "fine: 360 ms, 4.00 grey levels");
+    let slow = Pace {
+        frames: 2.0,
+        steps: 1.0,
+    };
+    let expected = ["fine", "fine"].map(|name| (name.to_owned(), true));
+    assert_eq!(names(&table(&rows), &slow), expected);
+}
+
+/// Below a tenth of what is of no matter, 0.5 grey levels here, the faster way is taken.
+#[test]
+fn nothing_is_paid_for_an_error_that_is_none() {
+    let rows = [("plain", "good", 1.0, 0.4), ("plain", "better", 3.0, 1e-9)];
+    assert_eq!(names(&table(&rows), &Pace::default()), [("good".to_owned(), true)]);
+    let rows = [("plain", "good", 1.0, 0.6), ("plain", "better", 3.0, 1e-9)];
+    assert_eq!(names(&table(&rows), &Pace::default()), [("better".to_owned(), true)]);
+}
+
+#[test]
+fn what_breaks_a_promise_or_knows_no_pace_is_not_taken() {
+    let mut wrong = table(&[("plain", "good", 1.0, 0.1), ("plain", "other", 3.0, 1.0)]);
+    wrong.rows[0].flag = Some("off".to_owned());
+    assert_eq!(names(&wrong, &Pace::default()), [("other".to_owned(), true)]);
+    let goal = wrong.goal.take().unwrap();
+    let once = Table {
+        goal: Some(Goal { every: None, ..goal }),
+        ..wrong
+    };
+    assert_eq!(names(&once, &Pace::default()), []);
+}
