@@ -12,7 +12,7 @@ use crate::cli::study::Printed;
 const TEACHING: &str = "\
 Each table has a gold standard, made in the same run, and says which:
 
-  beam grid   64 x 128 to 1024 x 2048 scanlines by samples, against the finest in double precision
+  beam grid   64 x 128 to 1024 x 2048 scanlines by samples, against 2048 x 4096 in double precision
   backends    double and single precision on the CPU, each GPU, against double precision
   labels      nearest voxel or voted, against boundaries of a closed form (mm) and voxels of 0.25 mm (grey levels)
   sampling    samples of a shadow, scanlines of a blur, against the finest

@@ -38,7 +38,8 @@ use crate::synth::SynthError;
 /// What to study.
 #[derive(Debug)]
 pub struct ImageOptions {
-    /// Scanlines by samples, from the coarsest to the finest, which is the standard of the others (two or more).
+    /// Scanlines by samples, from the coarsest to the finest, which is the standard of the others and none of the choices (two or
+    /// more).
     pub grids: Vec<[u32; 2]>,
     /// Edge of the phantom's voxels, mm.
     pub voxel_mm: f64,
@@ -58,7 +59,14 @@ impl ImageOptions {
     /// A study of five minutes at most on two cores.
     pub fn whole(gpus: Vec<Gpu>) -> Self {
         Self {
-            grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
+            grids: vec![
+                [64, 128],
+                [128, 256],
+                [256, 512],
+                [512, 1024],
+                [1024, 2048],
+                [2048, 4096],
+            ],
             voxel_mm: 1.0,
             coarsen: 1,
             nodes: vec![1000, 5000, 20_000],
@@ -71,7 +79,7 @@ impl ImageOptions {
     /// A first look, in seconds.
     pub fn quick(gpus: Vec<Gpu>) -> Self {
         Self {
-            grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024]],
+            grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
             voxel_mm: 2.0,
             coarsen: 2,
             nodes: vec![1000],
@@ -157,9 +165,6 @@ const PICTURE: [Axis; 6] = [MEDIAN, P95, MEMORY, RMS, P99, BIAS];
 /// # Errors
 /// [`ImageError`].
 pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, ImageError> {
-    if options.grids.len() < 2 {
-        return Err(ImageError::Grids(options.grids.len()));
-    }
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: these figures are the CPU's alone".to_owned());
