@@ -8,7 +8,7 @@
 //! | file | what it holds |
 //! |---|---|
 //! | [`grid`] | grids of scanlines and samples: what a frame of a scene costs on each |
-//! | [`steps`] | levels, links and candidates: what a step of an insertion costs with each |
+//! | [`steps`] | levels, nodes, pieces of the needle and candidates: what a step of an insertion costs with each |
 //! | [`cache`] | where costs are kept |
 
 pub mod cache;
@@ -27,8 +27,8 @@ pub struct QualitySpec {
     /// Most time of a frame, ms (0.01 to 10000): picks the scanlines and samples of a probe that states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_ms: Option<f64>,
-    /// Most time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the length of links and the thinning of
-    /// the probe's candidates where a scenario states none.
+    /// Most time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the nodes of a mesh made from the scene,
+    /// the length of links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<f64>,
 }

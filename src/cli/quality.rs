@@ -5,8 +5,9 @@ use std::time::Instant;
 use clap::Args;
 use insonify::mechanics::tissue::remesh::Level;
 use insonify::quality::cache::Cache;
-use insonify::quality::{Costs, Picked, QualitySpec, grid, pick, steps};
-use insonify::scenario::{LevelName, NeedleModel, Scenario, ScenarioFile, TissueModel};
+use insonify::quality::steps::{Nodes, Situation, StepCosts};
+use insonify::quality::{Picked, QualitySpec, grid, pick, steps};
+use insonify::scenario::{LevelName, NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel};
 use insonify::scene::Scene;
 use insonify::synth::FrameState;
 use nalgebra::Matrix4;
@@ -98,23 +99,35 @@ impl QualityArgs {
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
             return Ok(None);
         };
-        if file.tissue.model == TissueModel::MassSpring {
-            terminal::warn("quality.step_ms: masses and springs have nothing to pick");
+        if file.tissue.model != TissueModel::FiniteElement {
+            terminal::warn("quality.step_ms: only tissue of `model = \"finite-element\"` has something to pick");
             return Ok(None);
         }
-        let [free, pressed]: [Costs; 2] = self.costs(&["steps"], quiet, || {
+        let costs: StepCosts = self.costs(&["steps"], quiet, || {
             watched(quiet, |progress| Ok(steps::measure(progress)?))
         })?;
-        let costs = if file.contact_probe.is_some() { pressed } else { free };
+        let model = file.needle.as_ref().map(|needle| needle.model);
+        let costs = costs.in_situation(&Situation {
+            probe: file.contact_probe.is_some(),
+            beam: model == Some(NeedleModel::Beam),
+            needle_mm: file.needle.as_ref().and_then(|needle| needle.length_mm),
+            nodes: match (&file.tissue.mesh, file.tissue.nodes) {
+                (Some(_), _) => Nodes::Unknown,
+                (None, Some(nodes)) => Nodes::Stated(nodes),
+                (None, None) => Nodes::Open,
+            },
+        });
         let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some();
-        let springs = file
-            .needle
-            .as_ref()
-            .is_some_and(|needle| needle.model == NeedleModel::Springs);
+        let needle = |wanted: NeedleModel, stated: fn(&NeedleTable) -> bool| {
+            model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
+        };
         let open = |key: &str| match key {
             // Precision and columns belong to a level: who states them has chosen.
             steps::LEVEL => file.tissue.level.is_none() && !dense,
-            steps::LINK => springs && file.needle.as_ref().is_some_and(|needle| needle.link_mm.is_none()),
+            // Offered only where they are open.
+            steps::NODES => true,
+            steps::LINK => needle(NeedleModel::Springs, |needle| needle.link_mm.is_some()),
+            steps::ELEMENT => needle(NeedleModel::Beam, |needle| needle.element_mm.is_some()),
             steps::THINNING => file
                 .contact_probe
                 .as_ref()
@@ -128,8 +141,14 @@ impl QualityArgs {
         if let Some(level) = picked.value(steps::LEVEL) {
             file.tissue.level = level_named(level);
         }
+        if let Some(nodes) = picked.value(steps::NODES) {
+            file.tissue.nodes = nodes.parse().ok();
+        }
         if let (Some(link), Some(needle)) = (picked.value(steps::LINK), &mut file.needle) {
             needle.link_mm = link.parse().ok();
+        }
+        if let (Some(element), Some(needle)) = (picked.value(steps::ELEMENT), &mut file.needle) {
+            needle.element_mm = element.parse().ok();
         }
         if let (Some(every), Some(probe)) = (picked.value(steps::THINNING), &mut file.contact_probe) {
             probe.thinning = every.parse().ok();

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3
 use crate::mechanics::insertion::finite::{Options, Setup};
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::needle::{Bevel, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::needle::{Bevel, Cantilever, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -88,6 +88,19 @@ pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<d
         Shaft::default(),
         stiffness,
         link_mm,
+        Some(bevel),
+    )?))
+}
+
+/// A needle that is a beam.
+///
+/// # Errors
+/// [`InvalidNeedleModel`].
+pub fn beam(stiffness: Stiffness, element_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+    Ok(Box::new(Cantilever::new(
+        Shaft::default(),
+        stiffness,
+        element_mm,
         Some(bevel),
     )?))
 }

@@ -16,7 +16,7 @@ Examples:
 Each step is calculated several times over, the models in turn; its time is the least of these. A row with a star in a plot is
 a best choice; one that breaks what it promises is marked WRONG.";
 
-/// Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links of the needle
+/// Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links and elements of the needle
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Insertion {
@@ -55,6 +55,8 @@ enum PartName {
     Thinning,
     /// Lengths of the needle's links
     Links,
+    /// Lengths of the elements of a needle that is a beam
+    Elements,
     /// Nodes of the mesh
     Mesh,
 }
@@ -73,6 +75,7 @@ impl Insertion {
             PartName::Masses => Part::Masses,
             PartName::Thinning => Part::Thinning,
             PartName::Links => Part::Links,
+            PartName::Elements => Part::Elements,
             PartName::Mesh => Part::Mesh,
         };
         InsertionOptions {

@@ -1,44 +1,154 @@
 use super::*;
 
-/// Every dial has the rungs of its table, and one of them costs nothing extra.
-#[test]
-fn a_study_of_insertions_gives_costs_of_every_key() {
-    let options = InsertionOptions {
-        nodes: 300,
-        depth_mm: 10.0,
-        passes: 1,
-        parts: vec![Part::Levels, Part::Thinning, Part::Links],
-        ..InsertionOptions::default()
+fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
+    Rung {
+        values: vec![value.to_owned()],
+        extra_ms,
+        error,
+    }
+}
+
+/// A small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and 2.5 ms more.
+fn made_up() -> StepCosts {
+    let dial = |key: &str, rungs: Vec<Rung>| Dial {
+        keys: vec![key.to_owned()],
+        rungs,
     };
-    let study = study(&options, &mut |_, _| {}).unwrap();
-    let [free, pressed] = costs(&study);
-    let keys = |costs: &Costs| costs.dials.iter().map(|dial| dial.keys.join(",")).collect::<Vec<_>>();
-    assert_eq!(keys(&free), [LEVEL, LINK]);
-    assert_eq!(keys(&pressed), [LEVEL, LINK, THINNING]);
-    for costs in [&free, &pressed] {
+    let levels = dial(LEVEL, vec![rung("\"exact\"", 0.0, 0.0), rung("\"IV\"", -0.1, 0.2)]);
+    let pieces = |key| dial(key, vec![rung("20", -0.1, 0.1), rung("10", 0.0, 0.01)]);
+    StepCosts {
+        few: 500,
+        base_ms: [0.2, 0.3],
+        levels: [levels.clone(), levels],
+        nodes: dial(NODES, vec![rung("1500", 0.5, 0.4), rung("3500", 2.5, 0.0)]),
+        links: pieces(LINK),
+        elements: pieces(ELEMENT),
+        thinning: dial(THINNING, vec![rung("1", 0.0, 0.0), rung("2", -0.1, 0.3)]),
+    }
+}
+
+fn keys(costs: &Costs) -> Vec<String> {
+    costs.dials.iter().map(|dial| dial.keys.join(",")).collect()
+}
+
+/// Nodes that are stated count by straight lines, those that are open are a choice, and those of a file are said not to be counted.
+#[test]
+fn nodes_count_wherever_they_are_known() {
+    let at = |nodes| {
+        made_up().in_situation(&Situation {
+            nodes,
+            ..Situation::default()
+        })
+    };
+    for (nodes, extra_ms) in [
+        (8, 0.0),
+        (500, 0.0),
+        (1000, 0.25),
+        (1500, 0.5),
+        (2500, 1.5),
+        (4500, 3.5),
+    ] {
+        let costs = at(Nodes::Stated(nodes));
+        assert!((costs.base_ms - 0.2 - extra_ms).abs() < 1e-12, "{nodes}: {costs:?}");
+        assert_eq!(keys(&costs), [LEVEL, LINK]);
         assert!(
-            costs.base_ms > 0.0 && costs.measured.contains("nodes"),
+            costs.measured.contains(&format!("at {nodes} nodes")),
             "{}",
             costs.measured
         );
-        for dial in &costs.dials {
-            assert!(dial.rungs.len() >= 4, "{dial:?}");
-            assert_eq!(
-                dial.rungs.iter().filter(|rung| rung.extra_ms == 0.0).count(),
-                1,
-                "{dial:?}"
-            );
-            assert!(dial.rungs.iter().any(|rung| rung.error == 0.0), "{dial:?}");
-        }
     }
-    // A level costs what its steps take that remesh, beyond those of the exact one.
-    let levels = study.tables.iter().find(|table| table.key == "levels").unwrap();
-    let of = |name: &str| {
-        let row = levels.rows.iter().find(|row| row.choices == [name, "without"]).unwrap();
-        levels.value(row, "remesh_median_ms").unwrap()
+    let open = at(Nodes::Open);
+    assert_eq!(
+        (open.base_ms, keys(&open)),
+        (0.2, [LEVEL, LINK, NODES].map(str::to_owned).to_vec())
+    );
+    let unknown = at(Nodes::Unknown);
+    assert_eq!(
+        (unknown.base_ms, keys(&unknown)),
+        (0.2, [LEVEL, LINK].map(str::to_owned).to_vec())
+    );
+    assert!(
+        unknown.measured.contains("a larger mesh takes longer"),
+        "{}",
+        unknown.measured
+    );
+}
+
+#[test]
+fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_needle() {
+    let of = |needle_mm| {
+        made_up().in_situation(&Situation {
+            probe: true,
+            beam: true,
+            needle_mm,
+            nodes: Nodes::Unknown,
+        })
     };
-    let mut rungs = free.dials[0].rungs.iter();
-    assert!(rungs.clone().any(|rung| rung.values == ["\"exact\""]));
-    let first = rungs.find(|rung| rung.values == ["\"I\""]).unwrap();
-    assert_eq!(first.extra_ms, of("I") - of("exact condensed"));
+    let whole = of(None);
+    assert_eq!(
+        (whole.base_ms, keys(&whole)),
+        (0.3, [LEVEL, ELEMENT, THINNING].map(str::to_owned).to_vec())
+    );
+    let lengths = |costs: &Costs| {
+        costs.dials[1]
+            .rungs
+            .iter()
+            .map(|rung| rung.values[0].clone())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(lengths(&whole), ["20", "10"]);
+    assert_eq!(lengths(&of(Some(15.0))), ["10"]);
+    // What has nothing to offer is no choice.
+    assert_eq!(keys(&of(Some(5.0))), [LEVEL, THINNING]);
+}
+
+/// Every dial has the rungs of its table, and what they add is counted from the steps of the usual needle on the small block.
+#[test]
+fn studies_of_insertions_give_costs_of_every_key() {
+    let options = |nodes, parts| InsertionOptions {
+        nodes,
+        depth_mm: 10.0,
+        passes: 1,
+        parts,
+        ..InsertionOptions::default()
+    };
+    let small = vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements];
+    let small = study(&options(300, small), &mut |_, _| {}).unwrap();
+    let meshes = study(&options(600, vec![Part::Mesh]), &mut |_, _| {}).unwrap();
+    let costs = StepCosts::of(&small, &meshes);
+    assert!(
+        (200..=300).contains(&costs.few) && costs.base_ms.iter().all(|ms| *ms > 0.0),
+        "{costs:?}"
+    );
+    for dial in costs.levels.iter().chain([&costs.links, &costs.thinning]) {
+        assert!(dial.rungs.len() >= 4, "{dial:?}");
+        let usual = dial.rungs.iter().filter(|rung| rung.extra_ms == 0.0);
+        assert_eq!(usual.count(), 1, "{dial:?}");
+    }
+    for dial in [
+        &costs.nodes,
+        &costs.elements,
+        &costs.links,
+        &costs.thinning,
+        &costs.levels[0],
+    ] {
+        assert!(
+            dial.rungs.len() >= 4 && dial.rungs.iter().any(|rung| rung.error == 0.0),
+            "{dial:?}"
+        );
+    }
+    let value = |study: &Study, table: &str, choices: &[&str]| {
+        let table = study.tables.iter().find(|it| it.key == table).unwrap();
+        let row = table.rows.iter().find(|row| row.choices == choices).unwrap();
+        table.value(row, "remesh_median_ms").unwrap()
+    };
+    let extra = |dial: &Dial, value: &str| dial.rungs.iter().find(|rung| rung.values == [value]).unwrap().extra_ms;
+    let level = |name: &str| value(&small, "levels", &[name, "without"]);
+    assert!(costs.levels[0].rungs.iter().any(|rung| rung.values == ["\"exact\""]));
+    assert_eq!(extra(&costs.levels[0], "\"I\""), level("I") - level("exact condensed"));
+    let usual = value(&small, "links", &["10"]);
+    assert_eq!(costs.base_ms[0], usual);
+    assert_eq!(extra(&costs.elements, "5"), value(&small, "elements", &["5"]) - usual);
+    let finest = meshes.tables[0].rows.last().unwrap().choices[0].clone();
+    assert_eq!(extra(&costs.nodes, &finest), value(&meshes, "mesh", &[&finest]) - usual);
 }

@@ -17,8 +17,8 @@ pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N
 /// Differences that are of no matter to the eye, grey levels, and why.
 pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
 
-/// Costs that differ by no more than this factor count as the same.
-const SAME: f64 = 1.05;
+/// Costs, or errors, that differ by no more than this factor count as the same.
+pub(super) const SAME: f64 = 1.05;
 
 /// What a user wants of a table.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,7 +8,7 @@
 //! | `levels` | levels of remeshing, a probe moved sideways midway (haptic simulator paper, figures 13c and 14) |
 //! | `bevel` | bevels in a block of PVC: deflection against depth (the same paper, section VI-A) |
 //! | `thinning` | every n-th candidate of the probe |
-//! | `links` | lengths of the links of a needle of angular springs |
+//! | `pieces` | lengths of the links of a needle of angular springs, and of the elements of a beam |
 //! | `mesh` | nodes of the mesh |
 //! | `masses` | masses and springs against finite elements |
 //!
@@ -19,9 +19,9 @@ mod columns;
 mod course;
 mod error;
 mod levels;
-mod links;
 mod masses;
 mod mesh;
+mod pieces;
 #[cfg(test)]
 mod tests;
 mod thinning;
@@ -46,19 +46,22 @@ pub enum Part {
     Thinning,
     /// Links of the needle.
     Links,
+    /// Elements of a needle that is a beam.
+    Elements,
     /// Nodes of the mesh.
     Mesh,
 }
 
 impl Part {
     /// All of them.
-    pub const ALL: [Part; 6] = [
+    pub const ALL: [Part; 7] = [
         Part::Levels,
         Part::Mesh,
         Part::Bevel,
         Part::Masses,
         Part::Thinning,
         Part::Links,
+        Part::Elements,
     ];
 
     fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
@@ -67,7 +70,8 @@ impl Part {
             Part::Bevel => bevel::run(options, progress),
             Part::Masses => masses::run(options, progress),
             Part::Thinning => thinning::run(options, progress),
-            Part::Links => links::run(options, progress),
+            Part::Links => pieces::run(&pieces::LINKS, options, progress),
+            Part::Elements => pieces::run(&pieces::ELEMENTS, options, progress),
             Part::Mesh => mesh::run(options, progress),
         }
     }
@@ -105,7 +109,7 @@ pub const ENTRY: Entry = Entry {
     name: "insertion",
     title: "Needle insertion",
     question: "A needle goes in and comes out while a probe presses: what do step times, forces and the tip's place pay for each model? \
-               Levels of remeshing, nodes of the mesh, links of the needle, candidates of the probe, masses and springs.",
+               Levels of remeshing, nodes of the mesh, links and elements of the needle, candidates of the probe, masses and springs.",
     run: |_, effort, progress| {
         let usual = InsertionOptions::of(effort);
         let whole = InsertionOptions {

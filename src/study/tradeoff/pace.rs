@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::advice::{Goal, Way};
+use super::advice::{Goal, SAME, Way};
 use super::render::number;
 use super::{Row, Table};
 
@@ -63,7 +63,7 @@ pub struct InTime {
     pub met: bool,
     /// Unit of the error.
     pub unit: String,
-    /// The nearest way that errs less: it takes too long, or as much less as is of no matter.
+    /// The fastest of those that err less, where any do: it takes too long.
     pub better: Option<Way>,
 }
 
@@ -135,7 +135,10 @@ impl Table {
         let by_time = |a: &&Way, b: &&Way| a.cost.total_cmp(&b.cost);
         let within = ways.iter().filter(|way| way.cost <= limit_ms).min_by(by_error);
         let take = within.or_else(|| ways.iter().min_by(by_time))?;
-        let better = ways.iter().filter(|way| error(way) < error(take)).min_by(by_time);
+        let better = ways
+            .iter()
+            .filter(|way| SAME * error(way) < error(take))
+            .min_by(by_time);
         Some(InTime {
             beat,
             choosing: self.choosing(goal),

@@ -94,6 +94,17 @@ fn shorter_links_come_nearer() {
     assert_eq!(value(&study, &["1.25"], "tip_mm"), None);
 }
 
+/// Beams come nearer to the finest as their elements shorten, and end where fine links do: both bend alike by the same stiffness.
+#[test]
+fn shorter_elements_come_nearer_and_a_beam_bends_as_links_do() {
+    let (beam, links) = (of(Part::Elements), of(Part::Links));
+    let tip = |element: &str| value(&beam, &[element], "tip_mm").unwrap();
+    assert!(tip("20") > tip("10") && tip("20") > tip("5"), "{}", beam.text());
+    assert_eq!(value(&beam, &["2.5"], "tip_mm"), None);
+    let [a, b] = [&beam, &links].map(|study| value(study, &["2.5"], "deflection_mm").unwrap());
+    assert!((a - b).abs() < 0.1 * b, "{a} mm of a beam, {b} mm of links");
+}
+
 /// Finer meshes come nearer to the finest, and every one is compared but that.
 #[test]
 fn finer_meshes_come_nearer() {
