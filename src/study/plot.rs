@@ -2,6 +2,8 @@
 //!
 //! Drawn by `plotters` with a font of our own, so that the same data give the same bytes on every machine.
 
+mod legend;
+
 use std::sync::Once;
 
 use plotters::coord::Shift;
@@ -17,11 +19,6 @@ pub const SIZE: [u32; 2] = [1000, 600];
 const LEGEND: i32 = 210;
 /// Width of a plot for a page, pixels, and height of its axes: lettering stays legible where it shrinks to the width of a phone.
 const PAGE: [u32; 2] = [460, 330];
-/// Distance of the lines of a legend, and of its parts beyond that, pixels.
-const LINE: i32 = 24;
-const GAP: i32 = 12;
-/// Characters of a name that fit into half the width of a page.
-const HALF: usize = 23;
 /// Half the width of a marker, pixels.
 const MARK: i32 = 6;
 
@@ -321,68 +318,7 @@ impl Plot {
         self.legend(&legend, layout)?;
         root.present()
     }
-
-    /// Colours, shapes and the front: one below the other beside the axes, or in two columns below them where the names of a part are short.
-    fn legend<'a, DB: DrawingBackend + 'a>(
-        &self,
-        area: &DrawingArea<DB, Shift>,
-        layout: Layout,
-    ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
-        let dark = BLACK.mix(0.85);
-        let style = TextStyle::from(("sans-serif", 15)).color(&dark);
-        let mut top = match layout {
-            Layout::Alone => 64,
-            Layout::Page => LINE / 2,
-        };
-        for part in self.keys() {
-            let columns = columns(&part, layout);
-            for (at, (shape, name)) in part.iter().enumerate() {
-                let column = (at % columns) as i32 * PAGE[0] as i32 / 2;
-                let at = (14 + column, top + LINE * (at / columns) as i32);
-                match shape {
-                    Some((shape, colour)) => area.draw(&marker(at, *shape, *colour))?,
-                    None => area.draw(&Circle::new(at, MARK + 4, BLACK.mix(0.35).stroke_width(2)))?,
-                }
-                area.draw_text(name, &style, (at.0 + 18, at.1 - 8))?;
-            }
-            top += LINE * part.len().div_ceil(columns) as i32 + GAP;
-        }
-        Ok(())
-    }
-
-    /// The parts of the legend: what each colour means, what each shape does, and the front, which has no shape of a point.
-    fn keys(&self) -> Vec<Vec<Key<'_>>> {
-        let mut named: Vec<usize> = Vec::new();
-        let mut colours = Vec::new();
-        for series in &self.series {
-            if !named.contains(&series.colour) {
-                named.push(series.colour);
-                colours.push((Some((Marker::Disc, colour(series.colour))), series.name.as_str()));
-            }
-        }
-        let grey = BLACK.mix(0.6).to_rgba();
-        let shapes = self.markers.iter().enumerate();
-        let shapes = shapes.map(|(n, name)| (Some((Marker::nth(n), grey)), name.as_str()));
-        let front = (!self.front.is_empty()).then_some((None, "best: none beats them"));
-        let parts = [colours, shapes.collect(), front.into_iter().collect()];
-        parts.into_iter().filter(|part| !part.is_empty()).collect()
-    }
-
-    /// Height of the legend below the axes, pixels.
-    fn legend_height(&self) -> i32 {
-        let height = |part: &Vec<Key<'_>>| LINE * part.len().div_ceil(columns(part, Layout::Page)) as i32 + GAP;
-        self.keys().iter().map(height).sum()
-    }
 }
-
-/// Columns of a part of the legend.
-fn columns(part: &[Key<'_>], layout: Layout) -> usize {
-    let short = part.iter().all(|(_, name)| name.chars().count() <= HALF);
-    if layout == Layout::Page && short { 2 } else { 1 }
-}
-
-/// A line of the legend: its shape, or none for that of the front; and its name.
-type Key<'a> = (Option<(Marker, RGBAColor)>, &'a str);
 
 /// How a plot is laid out.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -53,6 +53,36 @@ fn svg_and_pixels_show_the_series() {
     assert_eq!(svg, plot().svg().unwrap());
 }
 
+/// Long names of adapters are broken into lines: no letter is cut off at the right edge.
+#[test]
+fn long_names_stay_within_the_picture() {
+    let mut plot = plot();
+    plot.markers = [
+        "gpu, some adapter (LLVM 15.0.6, 256 bits)",
+        "a-name-of-forty-letters-without-any-space",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let pixels = plot.rgb().unwrap();
+    let edge = pixels
+        .chunks_exact(3 * SIZE[0] as usize)
+        .flat_map(|row| &row[row.len() - 12..]);
+    assert!(edge.into_iter().all(|value| *value == 255), "letters at the edge");
+    let svg = plot.svg().unwrap();
+    for line in [
+        "(LLVM 15.0.6, 256 bits)",
+        "a-name-of-forty-letters",
+        "-without-any-space",
+    ] {
+        assert!(svg.lines().any(|text| text.trim() == line), "{line}");
+    }
+    assert!(
+        plot.svg_for_page()
+            .unwrap()
+            .contains("gpu, some adapter (LLVM 15.0.6, 256 bits)")
+    );
+}
+
 #[test]
 fn values_that_an_axis_cannot_show_are_left_out() {
     let mut plot = plot();
