@@ -8,12 +8,12 @@
 //! | file | what it holds |
 //! |---|---|
 //! | [`grid`] | grids of scanlines and samples: what a frame of a scene costs on each |
-//! | [`steps`] | levels, nodes, pieces of the needle and candidates: what a step of an insertion costs with each |
 //! | [`cache`] | where costs are kept |
+//!
+//! What steps cost is measured by [`crate::study::step_costs`]: nothing here knows studies or scenes.
 
 pub mod cache;
 pub mod grid;
-pub mod steps;
 #[cfg(test)]
 mod tests;
 

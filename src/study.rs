@@ -14,6 +14,7 @@
 //! | [`puncture`] | a needle goes into a slice of liver with a vein |
 //! | [`spread`] | medians and percentiles of times |
 //! | [`stability`] | hard cases, and whether they hold |
+//! | [`step_costs`] | what a step of an insertion costs with each choice, for `quality` to pick from |
 //! | [`machine`] | what the CPU backend runs on |
 
 pub mod anatomies;
@@ -29,6 +30,7 @@ pub mod plot;
 pub mod puncture;
 pub mod spread;
 pub mod stability;
+pub mod step_costs;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tradeoff;

@@ -5,10 +5,11 @@ use std::time::Instant;
 use clap::Args;
 use insonify::mechanics::tissue::remesh::Level;
 use insonify::quality::cache::Cache;
-use insonify::quality::steps::{Nodes, Situation, StepCosts};
-use insonify::quality::{Picked, QualitySpec, grid, pick, steps};
+use insonify::quality::{Picked, QualitySpec, grid, pick};
 use insonify::scenario::{LevelName, NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel};
 use insonify::scene::Scene;
+use insonify::study::machine::Machine;
+use insonify::study::step_costs::{self as steps, Nodes, Situation, StepCosts};
 use insonify::synth::FrameState;
 use nalgebra::Matrix4;
 
@@ -175,7 +176,7 @@ impl QualityArgs {
     where
         T: serde::Serialize + serde::de::DeserializeOwned,
     {
-        let cache = Cache::of_user();
+        let cache = Cache::of_user(&Machine::here().to_string());
         if let Some(costs) = cache.get(thing).filter(|_| !self.recalibrate) {
             return Ok(costs);
         }

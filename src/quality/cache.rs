@@ -8,18 +8,22 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::output::atomic::{self, WriteError};
-use crate::study::machine::Machine;
 
 /// Environment variable that names the folder in place of the user's own.
 pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
-/// A folder of costs, or none where there is no place for it.
+/// A folder of costs.
 #[derive(Clone, Debug)]
-pub struct Cache(Option<PathBuf>);
+pub struct Cache {
+    /// None where there is no place for it.
+    folder: Option<PathBuf>,
+    machine: String,
+}
 
 impl Cache {
-    /// The user's: `$INSONIFY_CACHE`, or `insonify` in the folder that the system has for such things.
-    pub fn of_user() -> Self {
+    /// The user's: `$INSONIFY_CACHE`, or `insonify` in the folder that the system has for such things. `machine` tells one machine that
+    /// shares it from another.
+    pub fn of_user(machine: &str) -> Self {
         let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let usual = || {
             let folder = match env::consts::OS {
@@ -31,12 +35,18 @@ impl Cache {
             };
             folder.map(|folder| folder.join("insonify"))
         };
-        Cache(of(FOLDER_VARIABLE).or_else(usual))
+        Cache {
+            folder: of(FOLDER_VARIABLE).or_else(usual),
+            machine: machine.to_owned(),
+        }
     }
 
     /// Some folder.
-    pub fn at(folder: &Path) -> Self {
-        Cache(Some(folder.to_owned()))
+    pub fn at(folder: &Path, machine: &str) -> Self {
+        Cache {
+            folder: Some(folder.to_owned()),
+            machine: machine.to_owned(),
+        }
     }
 
     /// What was kept of a thing on this machine by this version. What cannot be read counts as not there.
@@ -62,13 +72,12 @@ impl Cache {
 
     /// Where a thing is kept.
     fn path(&self, thing: &[&str]) -> Option<PathBuf> {
-        let machine = Machine::here().to_string();
         let mut hasher = blake3::Hasher::new();
-        for part in [env!("CARGO_PKG_VERSION"), &machine].iter().chain(thing) {
+        for part in [env!("CARGO_PKG_VERSION"), &self.machine].iter().chain(thing) {
             hasher.update(&(part.len() as u64).to_le_bytes());
             hasher.update(part.as_bytes());
         }
         let name = hasher.finalize().to_hex();
-        Some(self.0.as_ref()?.join(format!("costs-{}.json", &name[..32])))
+        Some(self.folder.as_ref()?.join(format!("costs-{}.json", &name[..32])))
     }
 }

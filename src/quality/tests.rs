@@ -111,11 +111,13 @@ fn budgets_have_a_range() {
 #[test]
 fn costs_are_kept_by_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let cache = Cache::at(&folder.path().join("deeper"));
+    let cache = Cache::at(&folder.path().join("deeper"), "here");
     assert_eq!(cache.get::<Costs>(&["steps"]), None);
     cache.put(&["steps"], &costs()).unwrap();
     assert_eq!(cache.get(&["steps"]), Some(costs()));
     assert_eq!(cache.get::<Costs>(&["step", "s"]), None);
+    let there = Cache::at(&folder.path().join("deeper"), "there");
+    assert_eq!(there.get::<Costs>(&["steps"]), None, "another machine");
     for file in std::fs::read_dir(folder.path().join("deeper")).unwrap() {
         std::fs::write(file.unwrap().path(), "{").unwrap();
     }

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Costs, Dial, Rung};
+use crate::quality::{Costs, Dial, Rung};
 use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
 use crate::study::tradeoff::{Row, Study, Table};
 
