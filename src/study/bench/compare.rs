@@ -203,38 +203,23 @@ fn ratio(cpu: Option<f64>, gpu: Option<f64>) -> Option<f64> {
 }
 
 fn figures() -> Vec<Figure> {
-    let figure = |file: &str, title: &str, table, x, y, colour| Figure {
-        file: file.to_owned(),
-        title: title.to_owned(),
-        table,
-        x,
-        y,
-        colour,
-        marker: Vec::new(),
-        only: Vec::new(),
-        joined: true,
-        marked: true,
-        front: false,
-    };
     let ratios = passes::STAGES.into_iter().map(|stage| Figure {
         only: vec![("stage", stage.to_owned())],
-        ..figure(
-            &format!("compare-ratio-{stage}"),
-            &format!("How many times as fast the GPU is: {stage}"),
+        ..Figure::new(
+            format!("compare-ratio-{stage}"),
+            format!("How many times as fast the GPU is: {stage}"),
             "compare_passes",
-            "samples",
-            "ratio",
+            ["samples", "ratio"],
             "what",
         )
     });
     let on_cpu = Figure {
         only: vec![("what", passes::WHOLE.to_owned())],
-        ..figure(
+        ..Figure::new(
             "compare-frame",
             "A frame on the CPU",
             "compare_passes",
-            "samples",
-            "cpu_ms",
+            ["samples", "cpu_ms"],
             "what",
         )
     };

@@ -1,15 +1,20 @@
 //! What each effect costs alone and in company, and what it leaves where a scene does without.
 
 use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 
 use super::super::{REMOVALS, Removal};
-use super::{Clock, CompareError, CompareOptions, Subject, clock_options, factor};
+use super::{CompareError, CompareOptions, Subject, factor};
 use crate::effects::pass::Resource;
 use crate::plan::Plan;
 use crate::study::spread::Spread;
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::tables::{Anatomy, Settings, Tables};
-use crate::synth::{Backend, Synthesizer};
+use crate::synth::{Backend, FrameState, Synthesizer};
+
+/// Pairs of frames at least, and at most.
+const LEAST: usize = 3;
+const MOST: usize = 60;
 
 /// The scene with some effects taken away.
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
@@ -42,25 +47,55 @@ fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + 
     all
 }
 
-/// A frame of what is kept: its time, and the bytes that it works on.
-fn frame(
-    subject: &Subject<'_>,
-    options: &CompareOptions,
-    (anatomy, settings): (Anatomy, Settings),
-    backend: Backend,
-) -> Result<(Spread, f64), CompareError> {
-    let mut state = subject.state.clone();
-    if anatomy.mesh.is_none() {
-        (state.nodes, state.reference) = (None, None);
+/// What renders a frame, after one that is not timed.
+struct Ready {
+    synth: Synthesizer,
+    state: FrameState,
+}
+
+impl Ready {
+    /// With what is kept.
+    fn new(
+        subject: &Subject<'_>,
+        (anatomy, settings): (Anatomy, Settings),
+        backend: Backend,
+    ) -> Result<Self, CompareError> {
+        let mut state = subject.state.clone();
+        if anatomy.mesh.is_none() {
+            (state.nodes, state.reference) = (None, None);
+        }
+        let mut synth = Synthesizer::new(anatomy, settings, backend)?;
+        synth.render(&state)?;
+        Ok(Self { synth, state })
     }
-    let mut synth = Synthesizer::new(anatomy, settings, backend)?;
-    let timing = clock_options(&mut synth, &state, options.patience)?;
-    let clock = Clock {
-        states: std::slice::from_ref(&state),
-        options: &timing,
-    };
-    let time = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
-    Ok((time, synth.memory_bytes() as f64 * 1e-6))
+
+    /// Time of a frame, ms.
+    fn frame(&mut self) -> Result<f64, CompareError> {
+        let start = Instant::now();
+        self.synth.render(&self.state)?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Bytes that it works on, MB.
+    fn megabytes(&self) -> f64 {
+        self.synth.memory_bytes() as f64 * 1e-6
+    }
+}
+
+/// Frames of two in turn, so that other work on the machine meets both alike, until each has had its patience.
+fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], CompareError> {
+    let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
+    while times[0].len() < LEAST || (times[0].len() < MOST && start.elapsed() < 2 * patience) {
+        times[0].push(one.frame()?);
+        times[1].push(other.frame()?);
+    }
+    Ok(times.map(Spread::of))
+}
+
+/// By how much the first of two takes longer, ms.
+fn longer(pair: [Option<Spread>; 2]) -> Option<f64> {
+    let [one, other] = pair.map(|time| time.map(|time| time.median_ms));
+    Some(one? - other?)
 }
 
 /// Everything, everything but one, one alone, nothing.
@@ -88,40 +123,38 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
     let mut table = Table::new("compare_effects", title, &factors, &axes);
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {
-        let (all, all_mb) = frame(subject, options, with(subject, &settings, |_| true), backend())?;
-        let (none, none_mb) = frame(subject, options, with(subject, &settings, |_| false), backend())?;
-        let whole = |what: &str, time: Spread, mb: f64| {
-            let values = vec![
-                Some(time.median_ms),
-                Some(time.p95_ms),
-                None,
-                None,
-                None,
-                Some(mb),
-                None,
-            ];
-            (vec![name.clone(), what.to_owned()], values)
-        };
-        let (choices, values) = whole("(everything)", all, all_mb);
-        table.push(choices, values, None);
+        let ready = |keep: &dyn Fn(&Removal) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
+        let (mut all, mut none) = (ready(&|_| true)?, ready(&|_| false)?);
+        let [whole, bare] = in_turn(&mut all, &mut none, options.patience)?;
+        let mut push =
+            |what: &str, time: Option<Spread>, saved: Option<f64>, alone: [Option<f64>; 2], mb: [Option<f64>; 2]| {
+                let values = vec![
+                    time.map(|time| time.median_ms),
+                    time.map(|time| time.p95_ms),
+                    saved,
+                    alone[0],
+                    alone[1],
+                    mb[0],
+                    mb[1],
+                ];
+                table.push(vec![name.clone(), what.to_owned()], values, None);
+            };
+        push("(everything)", whole, None, [None; 2], [Some(all.megabytes()), None]);
         for removal in &present {
-            let but = with(subject, &settings, |other| other.effect != removal.effect);
-            let (without, without_mb) = frame(subject, options, but, backend())?;
-            let only = with(subject, &settings, |other| other.effect == removal.effect);
-            let (alone, alone_mb) = frame(subject, options, only, backend())?;
-            let values = vec![
-                Some(without.median_ms),
-                Some(without.p95_ms),
-                Some(all.median_ms - without.median_ms),
-                Some(alone.median_ms),
-                Some(alone.median_ms - none.median_ms),
-                Some(without_mb),
-                Some(alone_mb),
-            ];
-            table.push(vec![name.clone(), removal.effect.to_owned()], values, None);
+            let mut but = ready(&|other| other.effect != removal.effect)?;
+            let company = in_turn(&mut all, &mut but, options.patience)?;
+            let mut only = ready(&|other| other.effect == removal.effect)?;
+            let alone = in_turn(&mut only, &mut none, options.patience)?;
+            let alone_ms = alone[0].map(|time| time.median_ms);
+            push(
+                removal.effect,
+                company[1],
+                longer(company),
+                [alone_ms, longer(alone)],
+                [Some(but.megabytes()), Some(only.megabytes())],
+            );
         }
-        let (choices, values) = whole("(slicing alone)", none, none_mb);
-        table.push(choices, values, None);
+        push("(slicing alone)", bare, None, [None; 2], [Some(none.megabytes()), None]);
     }
     Ok(table)
 }

@@ -58,6 +58,18 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         "texture",
     ];
     assert_eq!(effects[1..effects.len() - 1], expected);
+    let rows = &table("compare_effects").rows;
+    let measured = |values: &[Option<f64>]| values.iter().map(Option::is_some).collect::<Vec<_>>();
+    assert!(
+        rows[1..rows.len() - 1]
+            .iter()
+            .all(|row| !measured(&row.values).contains(&false))
+    );
+    assert_eq!(
+        measured(&rows[0].values),
+        [true, true, false, false, false, true, false],
+        "everything has nothing to be compared with"
+    );
     let memory = table("compare_memory");
     assert_eq!(
         memory.rows.len(),
