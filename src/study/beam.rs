@@ -139,17 +139,15 @@ pub fn table_one() -> Result<Study, BeamError> {
         }
     }
     let figure = Figure {
-        file: "beam-table-one".to_owned(),
-        title: "COM against the paper's simulation".to_owned(),
-        table: "table-one",
-        x: "com_published_mm",
-        y: "com_mm",
-        colour: "tissue",
         marker: vec!["inserted_mm"],
-        only: Vec::new(),
         joined: false,
-        marked: true,
-        front: false,
+        ..Figure::new(
+            "beam-table-one",
+            "COM against the paper's simulation",
+            "table-one",
+            ["com_published_mm", "com_mm"],
+            "tissue",
+        )
     };
     Ok(Study {
         name: "beam-table-one",

@@ -150,6 +150,31 @@ pub struct Figure {
     pub front: bool,
 }
 
+impl Figure {
+    /// Marked points of a table, those of a colour joined: no shapes, every row, the front unmarked.
+    pub fn new(
+        file: impl Into<String>,
+        title: impl Into<String>,
+        table: &'static str,
+        [x, y]: [&'static str; 2],
+        colour: &'static str,
+    ) -> Self {
+        Figure {
+            file: file.into(),
+            title: title.into(),
+            table,
+            x,
+            y,
+            colour,
+            marker: Vec::new(),
+            only: Vec::new(),
+            joined: true,
+            marked: true,
+            front: false,
+        }
+    }
+}
+
 /// Everything that one run has found out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {

@@ -224,17 +224,8 @@ fn about(options: &ImageOptions) -> Vec<(&'static str, String)> {
 
 fn figures() -> Vec<Figure> {
     let figure = |file: &str, title: &str, table, [x, y]: [&'static str; 2], colour, marker: &[&'static str]| Figure {
-        file: file.to_owned(),
-        title: title.to_owned(),
-        table,
-        x,
-        y,
-        colour,
         marker: marker.to_vec(),
-        only: Vec::new(),
-        joined: true,
-        marked: true,
-        front: false,
+        ..Figure::new(file, title, table, [x, y], colour)
     };
     vec![
         figure(

@@ -72,30 +72,16 @@ fn study() -> Study {
         tables: vec![table()],
         figures: vec![
             Figure {
-                file: "cost".to_owned(),
-                title: "What it costs".to_owned(),
-                table: "ways",
-                x: "ms",
-                y: "error",
-                colour: "way",
                 marker: vec!["on"],
                 only: vec![("size", "10".to_owned())],
                 joined: false,
-                marked: true,
                 front: true,
+                ..Figure::new("cost", "What it costs", "ways", ["ms", "error"], "way")
             },
             Figure {
-                file: "nothing".to_owned(),
-                title: "Nothing was measured".to_owned(),
-                table: "ways",
-                x: "ms",
-                y: "mb",
-                colour: "way",
                 marker: vec![],
                 only: vec![],
-                joined: true,
-                marked: true,
-                front: false,
+                ..Figure::new("nothing", "Nothing was measured", "ways", ["ms", "mb"], "way")
             },
         ],
         notes: vec!["one was left out".to_owned()],

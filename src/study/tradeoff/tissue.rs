@@ -339,17 +339,9 @@ fn off_mm(found: &[f64], expected: &[f64]) -> f64 {
 fn finish(options: &TissueOptions, subject: &Subject, tables: Vec<Table>) -> Study {
     let [nodes, elements, free] = subject.sizes();
     let figure = |file: &str, title: &str, table, x, y, colour| Figure {
-        file: file.to_owned(),
-        title: title.to_owned(),
-        table,
-        x,
-        y,
-        colour,
         marker: vec!["steps"],
-        only: Vec::new(),
         joined: false,
-        marked: true,
-        front: false,
+        ..Figure::new(file, title, table, [x, y], colour)
     };
     Study {
         name: "tissue",

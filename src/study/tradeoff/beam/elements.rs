@@ -77,16 +77,14 @@ pub(super) fn table() -> Result<Table, BeamError> {
 
 pub(super) fn figures() -> Vec<Figure> {
     vec![Figure {
-        file: "beam-elements".to_owned(),
-        title: "Length of elements: what accuracy costs".to_owned(),
-        table: "elements",
-        x: "median_ms",
-        y: "error_mm",
-        colour: "case",
         marker: vec!["element_mm"],
-        only: Vec::new(),
         joined: false,
-        marked: true,
-        front: false,
+        ..Figure::new(
+            "beam-elements",
+            "Length of elements: what accuracy costs",
+            "elements",
+            ["median_ms", "error_mm"],
+            "case",
+        )
     }]
 }

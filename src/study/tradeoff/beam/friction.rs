@@ -125,16 +125,13 @@ pub(super) fn term() -> Result<Table, BeamError> {
 
 pub(super) fn figures() -> Vec<Figure> {
     vec![Figure {
-        file: "beam-friction".to_owned(),
-        title: "Friction: how far it moves the needle".to_owned(),
-        table: "friction",
-        x: "gamma",
-        y: "shape_mm",
-        colour: "slope",
         marker: vec!["tissue"],
-        only: Vec::new(),
-        joined: true,
-        marked: true,
-        front: false,
+        ..Figure::new(
+            "beam-friction",
+            "Friction: how far it moves the needle",
+            "friction",
+            ["gamma", "shape_mm"],
+            "slope",
+        )
     }]
 }

@@ -109,17 +109,15 @@ fn errors(truths: &[Truth], material: Material, compression: Compression, depth:
 
 pub(super) fn figures() -> Vec<Figure> {
     let figure = |tissue: &str| Figure {
-        file: format!("beam-models-{}", tissue.to_lowercase()),
-        title: format!("Models of tissue, {tissue}: error of the tip"),
-        table: "models",
-        x: "inserted_mm",
-        y: "median_mm",
-        colour: "compression",
         marker: vec!["parameters"],
         only: vec![("tissue", tissue.to_owned())],
-        joined: true,
-        marked: true,
-        front: false,
+        ..Figure::new(
+            format!("beam-models-{}", tissue.to_lowercase()),
+            format!("Models of tissue, {tissue}: error of the tip"),
+            "models",
+            ["inserted_mm", "median_mm"],
+            "compression",
+        )
     };
     TISSUES.map(|tissue| figure(tissue.name)).to_vec()
 }

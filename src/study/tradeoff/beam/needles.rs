@@ -120,16 +120,15 @@ fn time(needle: &mut dyn Needle, mut line: CentreLine) -> Option<Spread> {
 
 pub(super) fn figures() -> Vec<Figure> {
     vec![Figure {
-        file: "beam-needles".to_owned(),
-        title: "Springs and beam: what accuracy costs".to_owned(),
-        table: "needles",
-        x: "median_ms",
-        y: "error_mm",
-        colour: "model",
         marker: vec!["length"],
-        only: Vec::new(),
         joined: false,
-        marked: true,
         front: true,
+        ..Figure::new(
+            "beam-needles",
+            "Springs and beam: what accuracy costs",
+            "needles",
+            ["median_ms", "error_mm"],
+            "model",
+        )
     }]
 }

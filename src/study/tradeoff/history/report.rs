@@ -140,17 +140,9 @@ impl Report {
             }
         }
         let figure = |file: &str, title: &str, x: &'static str, y: &'static str, front: bool| Figure {
-            file: file.to_owned(),
-            title: title.to_owned(),
-            table: "history",
-            x,
-            y,
-            colour: "rule",
             marker: vec!["lengths"],
-            only: Vec::new(),
-            joined: true,
-            marked: true,
             front,
+            ..Figure::new(file, title, "history", [x, y], "rule")
         };
         let equal = |figure: Figure| Figure {
             only: vec![("lengths", "equal".to_owned())],

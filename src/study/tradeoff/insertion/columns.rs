@@ -69,17 +69,8 @@ pub const fn factor(key: &'static str, label: &'static str) -> Factor {
 /// Lines of a trace, a colour for each choice of a factor.
 pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str; 2], colour: &'static str) -> Figure {
     Figure {
-        file: file.to_owned(),
-        title: title.to_owned(),
-        table,
-        x,
-        y,
-        colour,
-        marker: Vec::new(),
-        only: Vec::new(),
-        joined: true,
         marked: false,
-        front: false,
+        ..Figure::new(file, title, table, [x, y], colour)
     }
 }
 

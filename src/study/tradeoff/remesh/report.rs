@@ -213,17 +213,8 @@ impl Report {
 
 fn figures(subjects: &[Subject]) -> Vec<Figure> {
     let figure = |file: &str, title: String, table, x, y| Figure {
-        file: file.to_owned(),
-        title,
-        table,
-        x,
-        y,
-        colour: "level",
         marker: vec!["backend", "precision"],
-        only: Vec::new(),
-        joined: true,
-        marked: true,
-        front: false,
+        ..Figure::new(file, title, table, [x, y], "level")
     };
     let mut figures = Vec::new();
     for subject in subjects {

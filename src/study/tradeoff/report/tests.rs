@@ -37,17 +37,9 @@ fn study(off: f64) -> Study {
         );
     }
     let figure = |file: &str, table| Figure {
-        file: file.to_owned(),
-        title: format!("Figure {file}"),
-        table,
-        x: "ms",
-        y: "error_mm",
-        colour: "way",
-        marker: Vec::new(),
-        only: Vec::new(),
         joined: false,
-        marked: true,
         front: true,
+        ..Figure::new(file, format!("Figure {file}"), table, ["ms", "error_mm"], "way")
     };
     Study {
         name: "tradeoff-made-up",
