@@ -3,11 +3,12 @@
 //! They come from the study of insertions: the time of its steps that remesh (median, the faster of two passes), as those are what a
 //! haptic loop waits for, and how far the tip is from where the finest choice has it. Levels, needles and candidates are measured on a
 //! small block, since a dense inverse of a large one takes minutes; what more nodes cost is measured at the exact level on blocks up
-//! to twice the size that is usual. What one choice adds is taken to be the same beside every other.
+//! to the size that is usual. What one choice adds is taken to be the same beside every other.
 
 use serde::{Deserialize, Serialize};
 
 use crate::quality::{Costs, Dial, Rung};
+use crate::scenario::DEFAULT_NODES;
 use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
 use crate::study::tradeoff::{Row, Study, Table};
 
@@ -25,8 +26,9 @@ pub const THINNING: &str = "contact_probe.thinning";
 /// Nodes of the small block, and how deep the needle goes, mm.
 const FEW: usize = 500;
 const DEPTH_MM: f64 = 20.0;
-/// Nodes of a scenario that states none: others are a quarter, half and twice as many.
-const USUAL: usize = 3300;
+/// Nodes of the block whose eighth, quarter, half and whole are compared: those of a scenario that states none. More are not offered,
+/// as a needle that goes deeper than here touches more of them.
+const USUAL: usize = DEFAULT_NODES as usize;
 /// Length of pieces of the needle where the other choices are measured, mm: that of a scenario that states none.
 const USUAL_MM: &str = "10";
 
@@ -91,7 +93,8 @@ pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts
     };
     let small = vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements];
     let small = study(&options(FEW, small), &mut |what, share| progress(what, 0.6 * share))?;
-    let meshes = options(USUAL, vec![Part::Mesh]);
+    // The study goes up to twice what it is asked for.
+    let meshes = options(USUAL / 2, vec![Part::Mesh]);
     let meshes = study(&meshes, &mut |what, share| progress(what, 0.6 + 0.4 * share))?;
     Ok(StepCosts::of(&small, &meshes))
 }
