@@ -54,10 +54,11 @@ impl QualityArgs {
         }
         let grids = grid::candidates(&scene.settings.probe, open, image);
         let on = |scene: &Scene| backend.synthesizer(scene.anatomy.clone(), scene.settings.clone());
-        let adapter = {
+        let (adapter, software) = {
             let chosen = on(scene)?;
             let adapter = chosen.adapter().map_or(String::new(), |name| format!(", {name}"));
-            format!("{}{adapter}", chosen.synth.backend())
+            let software = chosen.synth.gpu().is_some_and(|gpu| gpu.report().software);
+            (format!("{}{adapter}", chosen.synth.backend()), software)
         };
         let described = serde_json::to_string(&scene.file).map_err(|error| Failure::Output(error.into()))?;
         let thing = ["frame", &adapter, &format!("{budget_ms}"), &described];
@@ -90,6 +91,9 @@ impl QualityArgs {
             (spec.lines, spec.samples) = (Some(probe.lines), Some(probe.samples));
         }
         tell(&picked, quiet);
+        if software && !picked.met {
+            terminal::warn("quality.frame_ms: this GPU is software: --backend cpu is faster");
+        }
         Ok(Some(picked))
     }
 
