@@ -15,7 +15,7 @@ use nalgebra::Matrix4;
 use super::backend::{BackendArgs, BackendName, needs_of};
 use super::failure::Failure;
 use super::input::Input;
-use super::study::Printed;
+use super::study::{Printed, made};
 use super::terminal;
 
 const TEACHING: &str = "\
@@ -116,6 +116,7 @@ impl Bench {
                 "ask for auto, cpu or gpu",
             ));
         }
+        self.output.as_deref().map_or(Ok(()), made)?;
         let scene = match self.input.is_default() {
             true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
             false => self.input.scene(&self.backend, self.json)?.0,

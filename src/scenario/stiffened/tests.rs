@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
+use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};
 use crate::scenario::{EXAMPLES, Scenario, ScenarioError, ScenarioFile};
 use crate::synth::{Backend, FrameState, Synthesizer};
@@ -152,6 +153,47 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     assert!((rest / ellipse - 1.0).abs() < 0.05, "{rest} for {ellipse}");
     assert!(pushed < 0.8 * rest && pressed < 0.7 * rest, "{rest} {pushed} {pressed}");
     assert!(after > 1.1 * pressed, "{pressed} {after}");
+}
+
+/// What the file says of creep arrives, and does something: a needle that is held in liver feels it give way.
+#[test]
+fn creep_is_that_of_the_file() {
+    let text = quick().replace("nodes = 500", "nodes = 300");
+    let creeping = resolved(&text).unwrap();
+    let viscosity = creeping.stiffened.as_ref().unwrap().viscosity.unwrap();
+    assert_eq!((viscosity.order, viscosity.memory), (0.1, Memory::LoadIntegral));
+    let table = "[tissue.viscosity]\norder = 0.1\nlaw = \"load-integral\"";
+    assert!(text.contains(table));
+    let elastic = text
+        .replacen(table, "", 1)
+        .replacen("\"viscoelastic\"", "\"nonlinear\"", 1);
+    let elastic = resolved(&elastic).unwrap();
+    assert_eq!(elastic.stiffened.as_ref().unwrap().viscosity, None);
+    // Half way to the capsule's puncture, then still: tissue below the knee creeps as t^-0.1, t in seconds.
+    let held = |scenario: &Scenario| -> [f64; 2] {
+        let mut model = scenario.model(|_, _| {}).unwrap();
+        let mut force = |step: u64| {
+            let instruments = scenario.instruments(step);
+            model
+                .step(&instruments, scenario.timing.dt_s)
+                .unwrap()
+                .on_hand
+                .force_n
+                .norm()
+        };
+        (1..=30).for_each(|step| {
+            let _ = force(step);
+        });
+        let first = force(30);
+        (0..20).for_each(|_| {
+            let _ = force(30);
+        });
+        [first, force(30)]
+    };
+    let [first, last] = held(&elastic);
+    assert!(first > 0.01 && (last / first - 1.0).abs() < 1e-2, "{first} {last}");
+    let [first, last] = held(&creeping);
+    assert!(first > 0.01 && last < 0.95 * first, "{first} {last}");
 }
 
 #[test]

@@ -102,7 +102,7 @@ impl<'a> Record<'a> {
 
     /// Notes a figure that must be exactly zero: a count of what is wrong, or a difference.
     pub fn zero(&mut self, what: impl Into<String>, figure: f64) {
-        self.under(what, figure, 0.0);
+        self.under(what, figure.abs(), 0.0);
     }
 
     /// Notes a figure that the criterion does not bound.

@@ -26,7 +26,7 @@ fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
     assert!(good.holds() && good.failed() == 0);
     assert!(!good.page().contains("FAILS") && good.page().contains("1 of 1 hard cases hold"));
     assert_eq!(good.cases[0].worst().unwrap().margin(), Some(10.0));
-    let bad: [fn(&mut Record<'_>) -> Result<(), Unexpected>; 7] = [
+    let bad: [fn(&mut Record<'_>) -> Result<(), Unexpected>; 8] = [
         |record| {
             record.under("error", 1.1e-12, 1e-12);
             Ok(())
@@ -45,6 +45,10 @@ fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
         },
         |record| {
             record.zero("wrong", f64::MIN_POSITIVE);
+            Ok(())
+        },
+        |record| {
+            record.zero("wrong", -1.0);
             Ok(())
         },
         |_| Err("x".parse::<f64>().unwrap_err().into()),
