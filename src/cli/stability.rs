@@ -24,7 +24,7 @@ Examples:
   insonify stability                         every case at the counts that its criterion names: minutes
   insonify stability --quick                 the same cases with smaller counts: seconds
   insonify stability --only remeshing        cases whose name, or whose group's, contains this
-  insonify stability -o report               every figure: report/index.html, report/report.md and report/results.json
+  insonify stability -o report               every figure: report/index.html, margins.svg, report.md and results.json
 
 Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 some do not; 2 wrong arguments.";
 
@@ -32,7 +32,7 @@ Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Stability {
-    /// Write index.html, report.md and results.json, with every figure, into this folder
+    /// Write index.html, margins.svg, report.md and results.json, with every figure, into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Smaller counts: seconds instead of minutes
@@ -80,6 +80,7 @@ fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
     let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
     let files = [
         ("index.html", report.page()),
+        ("margins.svg", report.plot()),
         ("report.md", report.markdown()),
         ("results.json", results + "\n"),
     ];

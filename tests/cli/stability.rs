@@ -17,7 +17,10 @@ fn cases_are_shown_written_and_chosen_by_name() {
     for measure in case["measures"].as_array().expect("figures") {
         assert!(measure["figure"].as_f64() <= measure["limit"].as_f64(), "{measure}");
     }
-    assert_eq!(bench.files("here/report"), ["index.html", "report.md", "results.json"]);
+    assert_eq!(
+        bench.files("here/report"),
+        ["index.html", "margins.svg", "report.md", "results.json"]
+    );
     let written = std::fs::read_to_string(bench.path("here/report/results.json")).expect("written");
     assert_eq!(serde_json::from_str::<serde_json::Value>(&written).expect("JSON"), json);
     let text = std::fs::read_to_string(bench.path("here/report/report.md")).expect("written");

@@ -1,6 +1,7 @@
 //! What cases came to, and how it reads.
 
 mod page;
+mod plot;
 mod table;
 
 use std::fmt::{self, Write};

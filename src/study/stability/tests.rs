@@ -144,3 +144,40 @@ fn numbers_that_are_none_are_not_lost_in_a_maximum() {
     assert!(relative(&[f64::NAN], &[1.0]).is_nan());
     assert!(!relative(&[1.0], &[0.0]).is_finite());
 }
+
+/// A dot for each figure that has a limit, its place a matter of its margin alone, and another colour beyond the limit.
+#[test]
+fn margins_are_where_they_belong() {
+    let drawn = |run: fn(&mut Record<'_>) -> Result<(), Unexpected>| -> Vec<(f64, bool)> {
+        let plot = report(&one("a < b", run)).plot();
+        assert!(plot.contains("a &lt; b") && plot.ends_with("</svg>\n"), "{plot}");
+        let dots = plot.lines().filter_map(|line| line.strip_prefix("<circle cx=\""));
+        let dot = |line: &str| {
+            (
+                line.split('"').next().unwrap().parse().unwrap(),
+                line.contains("#c22f2f"),
+            )
+        };
+        dots.map(dot).collect()
+    };
+    let dots = drawn(|record| {
+        record.under("a tenth", 1.0, 10.0);
+        record.under("a hundredth", 1.0, 100.0);
+        record.under("the limit", 1.0, 1.0);
+        record.zero("none", 0.0);
+        record.report("size", 1e9);
+        record.under("beyond", 3.0, 1.0);
+        record.under("no number", f64::NAN, 1.0);
+        Ok(())
+    });
+    let [tenth, hundredth, limit, none, beyond, lost] = dots[..] else {
+        panic!("{dots:?}")
+    };
+    assert_eq!(
+        [tenth, hundredth, limit, none, beyond, lost].map(|(_, fails)| fails),
+        [false, false, false, false, true, true]
+    );
+    // Powers of ten are as far apart, to a tenth of a pixel.
+    assert!((hundredth.0 - tenth.0 - (tenth.0 - limit.0)).abs() < 0.25 && tenth.0 > limit.0 + 10.0);
+    assert!(none.0 > hundredth.0 && beyond.0 < limit.0 && lost.0 < beyond.0);
+}
