@@ -79,7 +79,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 self.anderson.improve(memory, &mut self.change);
             }
             self.change(target);
-            let next = self.residual(target);
+            let mut next = self.residual(target);
             let lost = next.is_nan();
             let worse = next >= residual || lost;
             let balanced = next <= self.options.tolerance;
@@ -100,15 +100,19 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                 (own, tried, first) = (false, 0, next);
             } else if !balanced {
                 tried += 1;
-                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
-                if worse {
+                if worse && own {
+                    next = self.backtrack(target, residual, next);
+                }
+                let stuck = next >= residual || next.is_nan();
+                if stuck {
                     self.state.take(&self.before);
                 }
-                if worse && own {
+                if stuck && own {
                     // Its own factor leads nowhere from here; the derivative does.
                     return self.newton(target);
                 }
-                if worse || slow {
+                let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
+                if stuck || slow {
                     self.factor(Kind::Scalar)?;
                     residual = self.residual(target);
                     (own, tried, first) = (true, 0, residual);
