@@ -186,7 +186,7 @@ impl Table {
         let take = ways.iter().filter(fits).filter(alike).min_by(order);
         let cheaper = ways
             .iter()
-            .filter(|way| take.is_some_and(|take| way.cost < take.cost) && way.error > goal.within);
+            .filter(|way| take.is_some_and(|take| SAME * way.cost < take.cost) && way.error > goal.within);
         let nearest = |ways: &mut dyn Iterator<Item = &Way>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
         let mut words = match take {
             Some(take) if take.gold => format!(
