@@ -70,7 +70,14 @@ impl Axis {
         }
         if self.log {
             let margin = (high / low).powf(0.08).max(1.5);
-            return low / margin..high * margin;
+            let (start, end) = (low / margin, high * margin);
+            // Powers of ten are what such an axis shows: without one in it, it goes to the next on either side.
+            let (down, up) = (start.log10().floor(), end.log10().ceil());
+            return if up - down > 1.0 {
+                start..end
+            } else {
+                0.999 * 10_f64.powf(down)..1.001 * 10_f64.powf(up)
+            };
         }
         let margin = if high > low {
             0.06 * (high - low)

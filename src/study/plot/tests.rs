@@ -110,3 +110,17 @@ fn numbers_are_short() {
         assert_eq!(number(value), text);
     }
 }
+
+/// A logarithmic axis shows powers of ten: there is one in it, however near to each other its values are.
+#[test]
+fn a_logarithmic_axis_has_a_number_on_it() {
+    let axis = Axis::log("ratio");
+    let narrow = axis.range([0.27, 0.3].into_iter());
+    assert!(narrow.contains(&0.1) && narrow.contains(&1.0), "{narrow:?}");
+    let around = axis.range([0.8, 1.3].into_iter());
+    assert!(
+        around.contains(&1.0) && around.start > 0.4 && around.end < 2.5,
+        "{around:?}"
+    );
+    assert_eq!(axis.range(std::iter::empty()), 1.0..10.0);
+}

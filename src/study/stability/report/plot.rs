@@ -79,7 +79,7 @@ impl Drawing {
             if power % 3 == 0 {
                 let name = match power {
                     0 => "limit".to_owned(),
-                    _ => format!("1e{power}x below"),
+                    _ => format!("1e{power}x"),
                 };
                 self.words(x, "middle", "normal", &name);
             }
