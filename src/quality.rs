@@ -8,6 +8,7 @@
 //! | file | what it holds |
 //! |---|---|
 //! | [`grid`] | grids of scanlines and samples: what a frame of a scene costs on each |
+//! | [`trial`] | picks that are tried before they are believed |
 //! | [`cache`] | where costs are kept |
 //!
 //! What steps cost is measured by [`crate::study::step_costs`]: nothing here knows studies or scenes.
@@ -16,6 +17,7 @@ pub mod cache;
 pub mod grid;
 #[cfg(test)]
 mod tests;
+pub mod trial;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -120,6 +122,47 @@ struct Combination<'a> {
 /// Picks a rung of every dial that is open: of those combinations that stay within `budget_ms` the one that errs least, the cheaper
 /// of two that err alike; where none does, the cheapest. None where no dial is open.
 pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
+    let choice = choose(costs, budget_ms, open, &[])?;
+    Some(choice.picked(asked, budget_ms, choice.ms, &costs.measured))
+}
+
+/// A combination that was chosen.
+#[derive(Clone, Debug)]
+struct Choice {
+    settings: Vec<Setting>,
+    ms: f64,
+    error: f64,
+    /// The cheapest that errs less.
+    better: Option<(Vec<Setting>, f64)>,
+}
+
+impl Choice {
+    /// The choice with the time that it takes, and how that was found.
+    fn picked(&self, asked: &str, budget_ms: f64, ms: f64, measured: &str) -> Picked {
+        let met = ms <= budget_ms;
+        let mut why = match met {
+            true => format!("{} of {budget_ms} ms", short(ms)),
+            false => format!(
+                "nothing stays within {budget_ms} ms: this is the cheapest, {} ms",
+                short(ms)
+            ),
+        };
+        if let Some((better, ms)) = &self.better {
+            why += &format!("; the next better, {}, takes {} ms", list(better), short(*ms));
+        }
+        Picked {
+            asked: asked.to_owned(),
+            budget_ms,
+            expected_ms: ms,
+            met,
+            why: format!("{}: {why} ({measured})", list(&self.settings)),
+            settings: self.settings.clone(),
+        }
+    }
+}
+
+/// What [`pick`] picks, where some settings are known to take other times than their costs say.
+fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(Vec<Setting>, f64)]) -> Option<Choice> {
     let dials: Vec<&Dial> = costs
         .dials
         .iter()
@@ -143,10 +186,6 @@ pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> b
         });
         combinations = longer.collect();
     }
-    let by_error = |a: &&Combination<'_>, b: &&Combination<'_>| a.error.total_cmp(&b.error).then(a.ms.total_cmp(&b.ms));
-    let by_time = |a: &&Combination<'_>, b: &&Combination<'_>| a.ms.total_cmp(&b.ms).then(a.error.total_cmp(&b.error));
-    let within = combinations.iter().filter(|it| it.ms <= budget_ms).min_by(by_error);
-    let taken = within.or_else(|| combinations.iter().min_by(by_time))?;
     let settings = |of: &Combination<'_>| -> Vec<Setting> {
         let pairs = dials
             .iter()
@@ -159,30 +198,20 @@ pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> b
             })
             .collect()
     };
-    let better = combinations.iter().filter(|it| it.error < taken.error).min_by(by_time);
-    let mut why = match within {
-        Some(_) => format!("{} of {budget_ms} ms", short(taken.ms)),
-        None => format!(
-            "nothing stays within {budget_ms} ms: this is the cheapest, {} ms",
-            short(taken.ms)
-        ),
-    };
-    if let Some(better) = better {
-        why += &format!(
-            "; the next better, {}, takes {} ms",
-            list(&settings(better)),
-            short(better.ms)
-        );
+    for (known, ms) in known {
+        let found = combinations.iter_mut().find(|it| settings(it) == *known);
+        found.into_iter().for_each(|it| it.ms = *ms);
     }
-    why += &format!(" ({})", costs.measured);
-    let settings = settings(taken);
-    Some(Picked {
-        asked: asked.to_owned(),
-        budget_ms,
-        expected_ms: taken.ms,
-        met: within.is_some(),
-        why: format!("{}: {why}", list(&settings)),
-        settings,
+    let by_error = |a: &&Combination<'_>, b: &&Combination<'_>| a.error.total_cmp(&b.error).then(a.ms.total_cmp(&b.ms));
+    let by_time = |a: &&Combination<'_>, b: &&Combination<'_>| a.ms.total_cmp(&b.ms).then(a.error.total_cmp(&b.error));
+    let within = combinations.iter().filter(|it| it.ms <= budget_ms).min_by(by_error);
+    let taken = within.or_else(|| combinations.iter().min_by(by_time))?;
+    let better = combinations.iter().filter(|it| it.error < taken.error).min_by(by_time);
+    Some(Choice {
+        settings: settings(taken),
+        ms: taken.ms,
+        error: taken.error,
+        better: better.map(|better| (settings(better), better.ms)),
     })
 }
 

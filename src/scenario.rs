@@ -46,6 +46,7 @@ mod summary;
 #[cfg(test)]
 mod tests;
 mod tissue;
+mod trial;
 
 use std::path::Path;
 
@@ -66,6 +67,7 @@ pub use tissue::{
     BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, RegionName,
     TissueModel, TissueSpec,
 };
+pub use trial::Trial;
 
 /// The scenarios that come with the crate, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[

@@ -140,6 +140,7 @@ macro_rules! from_library {
 }
 
 from_library!(
+    insonify::error::Error,
     BeamCaseError,
     BeamError,
     CompareError,

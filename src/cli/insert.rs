@@ -180,10 +180,10 @@ impl Insert {
             }
             None => ScenarioFile::read(path)?,
         };
-        let picked = self.quality.steps(&mut file, self.quiet)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let picked = self.quality.steps(&mut file, folder, self.quiet)?;
         let bar = terminal::share(self.quiet);
         bar.set_message("making the mesh");
-        let folder = path.parent().unwrap_or(Path::new(""));
         let scenario = file.resolve(folder, |share| {
             bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
         });

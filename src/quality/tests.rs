@@ -70,6 +70,81 @@ fn what_is_stated_is_not_touched_and_what_cannot_be_met_is_said_with_its_figure(
     );
 }
 
+/// The thing itself takes three times as long as the costs say, but for thin candidates, which save next to nothing there.
+#[test]
+fn what_is_picked_is_tried_and_picked_again_where_it_takes_longer() {
+    let truly = |picked: &Picked| {
+        let own = [("20", 0.3), ("10", 0.5), ("5", 1.3)];
+        let link = own
+            .iter()
+            .find(|(link, _)| picked.value("link") == Some(link))
+            .unwrap()
+            .1;
+        3.0 * link - if picked.value("every") == Some("4") { 0.01 } else { 0.0 }
+    };
+    for (budget, expected, ms, trials) in [
+        // 1.3 is said, 3.9 found; then 0.5 said, so 1.5, and found so; 3.9 has been tried already.
+        (1.6, ["10", "1"], 1.5, 2),
+        // Enough in any case, at the first try.
+        (4.0, ["5", "1"], 3.9, 1),
+        // Only thinner candidates make it.
+        (0.895, ["20", "4"], 0.89, 2),
+        // Nothing does: the fastest of what was tried.
+        (0.1, ["20", "4"], 0.89, 1),
+    ] {
+        let mut tried = 0;
+        let picked = trial::pick_tried(
+            "step_ms",
+            &costs(),
+            budget,
+            |_| true,
+            |picked| {
+                tried += 1;
+                Ok::<_, ()>(trial::Tried {
+                    ms: truly(picked),
+                    measured: "tried".to_owned(),
+                })
+            },
+        );
+        let picked = picked.unwrap().unwrap();
+        assert_eq!(
+            (values(&picked), tried),
+            (expected.to_vec(), trials),
+            "{budget}: {picked:?}"
+        );
+        assert!((picked.expected_ms - ms).abs() < 1e-12, "{budget}: {picked:?}");
+        assert_eq!(picked.met, ms <= budget);
+        assert!(picked.why.ends_with("(tried)"), "{}", picked.why);
+    }
+    let none = trial::pick_tried("step_ms", &costs(), 1.0, |_| false, |_| Err("nothing is tried"));
+    assert_eq!(none, Ok(None));
+    let failed = trial::pick_tried("step_ms", &costs(), 1.0, |_| true, |_| Err("as the thing fails"));
+    assert_eq!(failed, Err("as the thing fails"));
+}
+
+/// The thing takes a tenth of what the costs say: what seemed to take too long is tried too.
+#[test]
+fn what_takes_less_than_was_said_is_picked_finer() {
+    let picked = trial::pick_tried(
+        "step_ms",
+        &costs(),
+        0.2,
+        |_| true,
+        |picked| {
+            Ok::<_, ()>(trial::Tried {
+                ms: match picked.value("link") {
+                    Some("5") => 0.13,
+                    Some("10") => 0.05,
+                    _ => 0.01,
+                },
+                measured: String::new(),
+            })
+        },
+    );
+    let picked = picked.unwrap().unwrap();
+    assert_eq!((values(&picked), picked.met), (vec!["5", "1"], true));
+}
+
 #[test]
 fn grids_are_measured_until_one_takes_too_long() {
     let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 50.0).unwrap();

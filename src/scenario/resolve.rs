@@ -320,6 +320,16 @@ impl ScenarioFile {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 
+    /// All that it and its scene say, and where its paths start, as one text: what is the same of two is the same scenario, unless
+    /// other files that they name have changed.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] of a scene that cannot be read.
+    pub fn described(&self, base_dir: &Path) -> Result<String, ScenarioError> {
+        let (scene, folder, _) = self.scene_file(base_dir)?;
+        Ok(format!("{self:?} {scene:?} {folder:?}"))
+    }
+
     /// The scene's file without needle and deformation, the folder that its paths start at, and whether it stands in this file.
     fn scene_file(&self, base: &Path) -> Result<(SceneFile, std::path::PathBuf, bool), ScenarioError> {
         let (file, folder, is_inline) = match &self.scene {

@@ -61,6 +61,8 @@ pub struct StepMs {
     pub p99: f64,
     /// The longest.
     pub max: f64,
+    /// Half of those that remesh took at most this; none where none did.
+    pub remesh_median: Option<f64>,
     /// The longest of those that remesh; none where none did.
     pub remesh_max: Option<f64>,
 }
@@ -110,7 +112,7 @@ pub struct Reached {
 pub(super) struct Tally<'a> {
     scenario: &'a Scenario,
     ms: Vec<f64>,
-    remesh_max: Option<f64>,
+    remesh_ms: Vec<f64>,
     summary: Summary,
     /// Seeds that the model has taken, by their place among all.
     taken: Vec<usize>,
@@ -151,7 +153,7 @@ impl<'a> Tally<'a> {
         Self {
             scenario,
             ms: Vec::with_capacity(scenario.timing.steps.min(1 << 24) as usize),
-            remesh_max: None,
+            remesh_ms: Vec::new(),
             summary,
             taken: Vec::new(),
             unheard: 0,
@@ -162,7 +164,7 @@ impl<'a> Tally<'a> {
         let (summary, outcome) = (&mut self.summary, step.outcome);
         self.ms.push(step.ms);
         if outcome.remeshes > 0 {
-            self.remesh_max = Some(self.remesh_max.map_or(step.ms, |most| most.max(step.ms)));
+            self.remesh_ms.push(step.ms);
         }
         summary.steps = step.number;
         summary.simulated_s = step.time_s;
@@ -219,13 +221,15 @@ impl<'a> Tally<'a> {
 
     pub fn finish(mut self, last: &Snapshot) -> Summary {
         self.ms.sort_by(f64::total_cmp);
+        self.remesh_ms.sort_by(f64::total_cmp);
         let rank = |share| percentile(&self.ms, share).unwrap_or(0.0);
         self.summary.step_ms = StepMs {
             median: rank(0.5),
             p95: rank(0.95),
             p99: rank(0.99),
             max: rank(1.0),
-            remesh_max: self.remesh_max,
+            remesh_median: percentile(&self.remesh_ms, 0.5),
+            remesh_max: percentile(&self.remesh_ms, 1.0),
         };
         for (seed, place) in self.taken.iter().zip(&last.seeds) {
             let seed = &mut self.summary.seeds[*seed];

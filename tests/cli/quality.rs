@@ -1,5 +1,11 @@
 //! What is picked where a scene says how long a frame or a step may take.
 
+use insonify::quality::cache::Cache;
+use insonify::quality::{Dial, Rung};
+use insonify::study::machine::Machine;
+use insonify::study::step_costs::{LEVEL, StepCosts};
+
+use crate::insert::BLOCK;
 use crate::support::{Bench, Run, SCENE};
 
 /// The scene with a time for frames, its grid left open.
@@ -96,4 +102,60 @@ fn what_is_stated_stays_and_wrong_times_are_errors_at_their_line() {
     bench
         .run("insert case.toml -o out")
         .fails(2, &["case.toml", "line 3", "0.01 to 10000 ms"]);
+}
+
+/// Costs that were kept say that nothing takes any time: what an insertion itself takes is what counts.
+#[test]
+fn steps_are_tried_on_the_insertion_itself() {
+    let rung = |name: &str, error| Rung {
+        values: vec![format!("\"{name}\"")],
+        extra_ms: 0.0,
+        error,
+    };
+    let dial = |rungs| Dial {
+        keys: vec![LEVEL.to_owned()],
+        rungs,
+    };
+    let levels = || dial(vec![rung("exact", 0.0), rung("IV", 0.1)]);
+    let free = StepCosts {
+        few: 300,
+        base_ms: [1e-9; 2],
+        levels: [levels(), levels()],
+        nodes: dial(Vec::new()),
+        links: dial(Vec::new()),
+        elements: dial(Vec::new()),
+        thinning: dial(Vec::new()),
+    };
+    let bench = Bench::new();
+    let cache = Cache::at(&bench.path("cache"), &Machine::here().to_string());
+    cache.put(&["steps"], &free).expect("kept");
+    let quality = |step_ms: f64| {
+        let asked = format!("version = 1\nquality = {{ step_ms = {step_ms} }}\n");
+        bench.write("open.toml", &BLOCK.replace("version = 1\n", &asked));
+        let run = bench.run("insert open.toml -o out --json");
+        (run.json()["quality"][0].clone(), run.stderr)
+    };
+    let (met, told) = quality(10_000.0);
+    assert!(told.contains("tried on this insertion"), "{told}");
+    assert_eq!(
+        (&met["met"], &met["settings"][0]["value"]),
+        (&true.into(), &"\"exact\"".into())
+    );
+    assert!(met["expected_ms"].as_f64().expect("ms") > 1e-4, "{met}");
+    let why = met["why"].as_str().expect("words");
+    assert!(
+        why.contains("of this insertion") && why.contains("; 0 of 100 steps take longer than 10000 ms"),
+        "{why}"
+    );
+    // It is kept, so the figure stays the same to the bit.
+    assert_eq!(quality(10_000.0).0, met);
+    let files = bench.files("cache").len();
+    // No step that remeshes takes as little as that.
+    let (missed, told) = quality(0.01);
+    assert_eq!(missed["met"], false);
+    assert!(
+        told.contains("warning: quality.step_ms") && told.contains("nothing stays within 0.01 ms"),
+        "{told}"
+    );
+    assert_eq!(bench.files("cache").len(), files + 1);
 }

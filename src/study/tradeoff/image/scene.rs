@@ -9,6 +9,9 @@ use crate::scene::{Scene, SceneFile};
 use crate::synth::tables::{Settings, Tables};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
+/// The least that a receiver may have, dB.
+const QUIETEST_DB: f64 = -200.0;
+
 /// The abdomen phantom under its own probe, at the 640 x 480 pixels of the default scene.
 pub struct Subject {
     pub scene: Scene,
@@ -46,6 +49,14 @@ pub fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
 pub fn without_grain(mut settings: Settings) -> Settings {
     settings.effects.speckle = None;
     settings.effects.receiver = None;
+    settings
+}
+
+/// Settings with a receiver that takes its time but draws nothing that shows.
+pub fn silent(mut settings: Settings) -> Settings {
+    if let Some(receiver) = &mut settings.effects.receiver {
+        (receiver.noise_db, receiver.clutter_db) = (QUIETEST_DB, QUIETEST_DB);
+    }
     settings
 }
 

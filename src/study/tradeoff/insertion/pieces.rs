@@ -69,10 +69,10 @@ pub(super) fn run(
     )
     .against(format!("{name} of {finest} mm"))
     .seeking(
-        Goal::new("median_ms", "tip_mm", SHIFT_MM)
+        Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
             .choosing(pieces.choosing)
             .in_every(Beat::Step, "remesh_median_ms")
-            .beside(&["p99_ms", "force_n"]),
+            .beside(&["median_ms", "p99_ms", "force_n"]),
     );
     let course = Course {
         depth_mm: options.depth_mm,
@@ -106,7 +106,7 @@ pub(super) fn run(
     }
     table.mark_gold(key, &finest.to_string());
     let [file, title] = pieces.figure;
-    let figure = points(file, title, name, ["median_ms", "tip_mm"], key);
+    let figure = points(file, title, name, ["remesh_median_ms", "tip_mm"], key);
     Ok(Findings {
         tables: vec![table],
         figures: vec![figure],

@@ -37,10 +37,10 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     )
     .against("every candidate kept")
     .seeking(
-        Goal::new("median_ms", "tip_mm", SHIFT_MM)
+        Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
             .choosing("candidates of the probe")
             .in_every(Beat::Step, "remesh_median_ms")
-            .beside(&["p99_ms", "candidates", "probe_percent", "force_n"]),
+            .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
     );
     let course = Course {
         depth_mm: options.depth_mm,
@@ -81,7 +81,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         "insertion-thinning",
         "Thinning the probe's candidates",
         "thinning",
-        ["median_ms", "probe_percent"],
+        ["remesh_median_ms", "probe_percent"],
         "every",
     );
     Ok(Findings {

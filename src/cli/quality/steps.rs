@@ -1,0 +1,148 @@
+//! Level, nodes, pieces of the needle and candidates, picked by what steps cost in blocks and tried on the very insertion.
+
+use std::path::Path;
+use std::time::Duration;
+
+use insonify::mechanics::tissue::remesh::Level;
+use insonify::quality::trial::{Tried, pick_tried};
+use insonify::quality::{Picked, QualitySpec};
+use insonify::scenario::{LevelName, NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
+use insonify::study::step_costs::{self, Nodes, Situation, StepCosts};
+
+use super::{QualityArgs, tell};
+use crate::cli::failure::Failure;
+use crate::cli::study::watched;
+use crate::cli::terminal;
+
+/// The longest that an insertion is tried.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+impl QualityArgs {
+    /// Picks what a scenario leaves open where it says how long a step may take, sets it, and tells. `folder` is where the paths of the
+    /// scenario start.
+    pub fn steps(&self, file: &mut ScenarioFile, folder: &Path, quiet: bool) -> Result<Option<Picked>, Failure> {
+        let QualitySpec { step_ms, .. } = file.quality();
+        // What is out of range is refused with its place in the file when that is resolved.
+        let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
+            return Ok(None);
+        };
+        if file.tissue.model != TissueModel::FiniteElement {
+            terminal::warn("quality.step_ms: only tissue of `model = \"finite-element\"` has something to pick");
+            return Ok(None);
+        }
+        let costs: StepCosts = self.kept(
+            &["steps"],
+            "measuring what choices cost in blocks of tissue",
+            quiet,
+            || {
+                // What is wrong with the scenario is said before that.
+                file.resolve(folder, |_| {})?;
+                watched(quiet, |progress| Ok(step_costs::measure(progress)?))
+            },
+        )?;
+        let model = file.needle.as_ref().map(|needle| needle.model);
+        let costs = costs.in_situation(&Situation {
+            probe: file.contact_probe.is_some(),
+            beam: model == Some(NeedleModel::Beam),
+            needle_mm: file.needle.as_ref().and_then(|needle| needle.length_mm),
+            nodes: match (&file.tissue.mesh, file.tissue.nodes) {
+                (Some(_), _) => Nodes::Unknown,
+                (None, Some(nodes)) => Nodes::Stated(nodes),
+                (None, None) => Nodes::Open,
+            },
+        });
+        let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some();
+        let needle = |wanted: NeedleModel, stated: fn(&NeedleTable) -> bool| {
+            model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
+        };
+        let open = |key: &str| match key {
+            // Precision and columns belong to a level: who states them has chosen.
+            step_costs::LEVEL => file.tissue.level.is_none() && !dense,
+            // Offered only where they are open.
+            step_costs::NODES => true,
+            step_costs::LINK => needle(NeedleModel::Springs, |needle| needle.link_mm.is_some()),
+            step_costs::ELEMENT => needle(NeedleModel::Beam, |needle| needle.element_mm.is_some()),
+            step_costs::THINNING => file
+                .contact_probe
+                .as_ref()
+                .is_some_and(|probe| probe.thinning.is_none()),
+            _ => false,
+        };
+        // Costs are of blocks: what is picked is tried on the insertion itself.
+        let described = file.described(folder)?;
+        let thing = ["trial", &format!("{budget_ms}"), &described];
+        let picked = self.kept(&thing, "trying it on this insertion", quiet, || {
+            pick_tried("step_ms", &costs, budget_ms, open, |picked| {
+                tried(file, folder, picked, quiet)
+            })
+        })?;
+        let Some(picked) = picked else {
+            terminal::warn("quality.step_ms: the scenario states all that could be picked");
+            return Ok(None);
+        };
+        set(file, &picked);
+        tell(&picked, quiet);
+        Ok(Some(picked))
+    }
+}
+
+/// Sets what was picked.
+fn set(file: &mut ScenarioFile, picked: &Picked) {
+    if let Some(level) = picked.value(step_costs::LEVEL) {
+        file.tissue.level = level_named(level);
+    }
+    if let Some(nodes) = picked.value(step_costs::NODES) {
+        file.tissue.nodes = nodes.parse().ok();
+    }
+    if let (Some(link), Some(needle)) = (picked.value(step_costs::LINK), &mut file.needle) {
+        needle.link_mm = link.parse().ok();
+    }
+    if let (Some(element), Some(needle)) = (picked.value(step_costs::ELEMENT), &mut file.needle) {
+        needle.element_mm = element.parse().ok();
+    }
+    if let (Some(every), Some(probe)) = (picked.value(step_costs::THINNING), &mut file.contact_probe) {
+        probe.thinning = every.parse().ok();
+    }
+}
+
+/// Runs the scenario with what was picked.
+fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked, quiet: bool) -> Result<Tried, Failure> {
+    let mut file = file.clone();
+    set(&mut file, picked);
+    let budget_ms = picked.budget_ms;
+    let found = watched(quiet, |progress| {
+        progress("trying an insertion", 0.0);
+        let scenario = file.resolve(folder, |_| {})?;
+        Ok::<_, Failure>(scenario.trial(budget_ms, PATIENCE, |share| progress("trying an insertion", share))?)
+    })?;
+    let Trial {
+        steps,
+        over,
+        longest_ms,
+        ..
+    } = found;
+    let counted = match found.remeshing {
+        0 => "median of the steps of this insertion, of which none remeshes".to_owned(),
+        1 => "the step of this insertion that remeshes".to_owned(),
+        remeshing => format!("median of the {remeshing} steps of this insertion that remesh"),
+    };
+    Ok(Tried {
+        ms: found.ms,
+        measured: format!(
+            "{counted}; {over} of {steps} steps take longer than {budget_ms} ms, the longest {longest_ms:.2} ms"
+        ),
+    })
+}
+
+/// A level by its name, as it stands in a file.
+fn level_named(name: &str) -> Option<LevelName> {
+    let all = [
+        LevelName::Exact,
+        LevelName::I,
+        LevelName::II,
+        LevelName::III,
+        LevelName::IV,
+    ];
+    all.into_iter()
+        .find(|level| format!("\"{}\"", Level::from(*level)) == name)
+}
