@@ -52,6 +52,8 @@ impl QualitySpec {
 pub struct Costs {
     /// What was measured, in words.
     pub measured: String,
+    /// What errors are of, in words that follow a number; none where they only tell what is better.
+    pub errors: Option<String>,
     /// Time with every dial at the rung that costs nothing extra, ms.
     pub base_ms: f64,
     /// What can be chosen.
@@ -123,7 +125,7 @@ struct Combination<'a> {
 /// of two that err alike; where none does, the cheapest. None where no dial is open.
 pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
     let choice = choose(costs, budget_ms, open, &[])?;
-    Some(choice.picked(asked, budget_ms, choice.ms, &costs.measured))
+    Some(choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))
 }
 
 /// A combination that was chosen.
@@ -137,8 +139,8 @@ struct Choice {
 }
 
 impl Choice {
-    /// The choice with the time that it takes, and how that was found.
-    fn picked(&self, asked: &str, budget_ms: f64, ms: f64, measured: &str) -> Picked {
+    /// The choice among some costs, with the time that it takes, and how that was found.
+    fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
         let met = ms <= budget_ms;
         let mut why = match met {
             true => format!("{} of {budget_ms} ms", short(ms)),
@@ -147,6 +149,9 @@ impl Choice {
                 short(ms)
             ),
         };
+        if let Some(errors) = &costs.errors {
+            why += &format!(", off by {:.2} {errors}", self.error);
+        }
         if let Some((better, ms)) = &self.better {
             why += &format!("; the next better, {}, takes {} ms", list(better), short(*ms));
         }

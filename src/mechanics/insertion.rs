@@ -37,7 +37,7 @@ pub struct Instruments {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
     /// A pose or time that is not finite, or a time that is not above 0.
-    #[error("{what} of a step is {found}; expected {expected}")]
+    #[error("in a step, {what} is {found}; expected {expected}")]
     Input {
         /// Which value.
         what: &'static str,

@@ -57,6 +57,7 @@ pub fn measure<E>(
     let keys = KEYS.iter().zip(open).filter(|(_, open)| *open);
     Ok(Costs {
         measured,
+        errors: None,
         base_ms: 0.0,
         dials: vec![Dial {
             keys: keys.map(|(key, _)| (*key).to_owned()).collect(),

@@ -37,7 +37,7 @@ pub fn pick_tried<E>(
         if known.iter().any(|(settings, _)| *settings == choice.settings) {
             break;
         }
-        let tried = trial(&choice.picked(asked, budget_ms, choice.ms, &costs.measured))?;
+        let tried = trial(&choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))?;
         let wrong_by = tried.ms / choice.ms;
         // Times that add up to nothing tell of no other.
         if wrong_by.is_finite() && wrong_by > 0.0 {
@@ -52,7 +52,7 @@ pub fn pick_tried<E>(
     let taken = within
         .min_by(|a, b| error(a).total_cmp(&error(b)))
         .or_else(|| all.iter().min_by(|a, b| ms(a).total_cmp(&ms(b))));
-    Ok(taken.map(|(choice, tried)| choice.picked(asked, budget_ms, tried.ms, &tried.measured)))
+    Ok(taken.map(|(choice, tried)| choice.picked(asked, budget_ms, costs, tried.ms, &tried.measured)))
 }
 
 impl Costs {

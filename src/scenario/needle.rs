@@ -128,6 +128,7 @@ impl ScenarioFile {
             self.number(format!("needle.{key}"), found, |x| (low..=high).contains(&x), expected)
         };
         let length_mm = table.length_mm.unwrap_or(usual[0]);
+        let length_mm = within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?;
         if let Some(bevel) = &table.bevel {
             let range = |x: f64| (0.0..=5.0).contains(&x);
             self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
@@ -137,7 +138,7 @@ impl ScenarioFile {
         }
         let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
         Ok(NeedleSettings {
-            length_mm: within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?,
+            length_mm,
             diameter_mm: within("diameter_mm", diameter_mm, DIAMETER_MM, "0.05 to 10 mm")?,
             bending: self.bending(table, length_mm)?,
         })

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::error::ScenarioError;
 use super::file::ScenarioFile;
-use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle, TemplateSpec};
+use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlannedNeedle, TemplateSpec};
 use crate::document::nearest;
 use crate::scene::NeedleKeyframe;
 
@@ -92,41 +92,47 @@ impl ScenarioFile {
 
     /// What the plan makes a needle of a length (mm) do, if it plans needles.
     pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
-        let Some(plan) = self.plan.as_ref().filter(|plan| !plan.needle.is_empty()) else {
-            return Ok(None);
+        let Some(plan) = &self.plan else { return Ok(None) };
+        // What is written is right, whether a needle needs it or not.
+        let template = plan.template.as_ref().map(|spec| self.template(spec)).transpose()?;
+        let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
+            self.number(format!("plan.{key}"), found, |x| (low..=high).contains(&x), expected)
         };
-        let Some(spec) = &plan.template else {
+        let pause_s = plan.pause_s.unwrap_or(DEFAULT_PAUSE_S);
+        let pause_s = time("pause_s", pause_s, [0.01, 1000.0], "0.01 to 1000 s")?;
+        let mut now_s = time("start_s", plan.start_s.unwrap_or(0.0), [0.0, 1e6], "0 to 1e6 s")?;
+        let speed_mm_s = plan.speed_mm_s.unwrap_or(DEFAULT_SPEED_MM_S);
+        let speed_mm_s = self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?;
+        if plan.needle.is_empty() {
+            return Ok(None);
+        }
+        let Some(template) = template else {
             return Err(self.wrong_keys(
                 "plan",
                 "`plan.needle` without `plan.template`",
                 "the template of its holes",
             ));
         };
-        let template = self.template(spec)?;
-        let time = |key: &str, given: Option<f64>, usual, low, expected| {
-            let found = given.unwrap_or(usual);
-            self.number(format!("plan.{key}"), found, |x| (low..=1e6).contains(&x), expected)
-        };
-        let pause_s = time("pause_s", plan.pause_s, DEFAULT_PAUSE_S, 0.01, "0.01 to 1000 s")?;
-        let mut now_s = time("start_s", plan.start_s, 0.0, 0.0, "0 to 1e6 s")?;
         let mut made = Insertions::default();
         for (at, needle) in plan.needle.iter().enumerate() {
-            self.insertion(plan, &template, (at, needle), length_mm, pause_s, &mut now_s, &mut made)?;
+            let usual = [length_mm, speed_mm_s, pause_s];
+            self.insertion(&template, (at, needle), usual, &mut now_s, &mut made)?;
         }
         Ok(Some(made))
     }
 
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "one caller, which would only pack them to be unpacked"
-    )]
+    /// A speed of insertion, mm/s.
+    fn speed(&self, key: String, found: f64) -> Result<f64, ScenarioError> {
+        let range = |x: f64| x > 0.0 && x <= 1000.0;
+        self.number(key, found, range, "a speed above 0, at most 1000 mm/s")
+    }
+
+    /// One insertion, with the length of the needle (mm), the speed (mm/s) of one that states none, and the pause (s) after each way.
     fn insertion(
         &self,
-        plan: &PlanSpec,
         template: &Template<'_>,
         (at, needle): (usize, &PlannedNeedle),
-        length_mm: f64,
-        pause_s: f64,
+        [length_mm, speed_mm_s, pause_s]: [f64; 3],
         now_s: &mut f64,
         made: &mut Insertions,
     ) -> Result<(), ScenarioError> {
@@ -149,15 +155,10 @@ impl ScenarioFile {
             reach,
             "above 0 and less than the needle's length, mm",
         )?;
-        let (speed_key, speed) = match needle.speed_mm_s {
-            Some(speed) => (key("speed_mm_s"), speed),
-            None => (
-                "plan.speed_mm_s".to_owned(),
-                plan.speed_mm_s.unwrap_or(DEFAULT_SPEED_MM_S),
-            ),
+        let speed = match needle.speed_mm_s {
+            Some(speed) => self.speed(key("speed_mm_s"), speed)?,
+            None => speed_mm_s,
         };
-        let range = |x: f64| x > 0.0 && x <= 1000.0;
-        let speed = self.number(speed_key, speed, range, "a speed above 0, at most 1000 mm/s")?;
         let direction = template.direction.into_inner();
         let mut frame = |time_s: f64, depth: f64| {
             made.keyframes.push(NeedleKeyframe {

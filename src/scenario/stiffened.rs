@@ -203,7 +203,7 @@ impl ScenarioFile {
         for pair in path.keys().windows(2) {
             let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
             let way = to - from;
-            let turned = needle.length_mm * before.cross(&direction).norm();
+            let turned = needle.length_mm * (*before - *direction).norm();
             let sideways = way.cross(&direction).norm().max(turned);
             let inside = |tip: &Point3<f64>, along: &Unit<Vector3<f64>>| in_body(&body, tip, along, needle.length_mm);
             if sideways > SIDEWAYS_MM && (inside(&from, &before) || inside(&to, &direction)) {

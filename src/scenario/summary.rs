@@ -176,8 +176,10 @@ impl<'a> Tally<'a> {
         summary.max_inserted_mm = summary.max_inserted_mm.max(outcome.inserted_mm);
         summary.remeshes += outcome.remeshes as u64;
         summary.not_converged += u64::from(!outcome.converged);
+        // Outside the tissue the tip is where it is.
+        let tip = outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm);
         for target in &mut summary.targets {
-            let distance = (outcome.tip_mm - Point3::from(target.at_mm)).norm();
+            let distance = (tip - Point3::from(target.at_mm)).norm();
             target.nearest_tip_mm = target.nearest_tip_mm.min(distance);
         }
         self.seed(step);

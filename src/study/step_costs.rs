@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::quality::{Costs, Dial, Rung};
 use crate::scenario::DEFAULT_NODES;
 use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
-use crate::study::tradeoff::{Row, Study, Table};
+use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
 
 /// The keys of what is picked.
 pub const LEVEL: &str = "tissue.level";
@@ -31,6 +31,9 @@ const DEPTH_MM: f64 = 20.0;
 const USUAL: usize = DEFAULT_NODES as usize;
 /// Length of pieces of the needle where the other choices are measured, mm: that of a scenario that states none.
 const USUAL_MM: &str = "10";
+
+/// The tip may be off by so much without any more time being paid for it, mm: a tenth of what is of no matter.
+const SLIGHT_MM: f64 = 0.1 * SHIFT_MM.0;
 
 /// The time that counts: other steps take less.
 const TIME: &str = "remesh_median_ms";
@@ -155,6 +158,7 @@ impl StepCosts {
         let probe = if situation.probe { "a probe" } else { "no probe" };
         Costs {
             measured: format!("steps that remesh, {probe} in contact, {mesh}"),
+            errors: Some("mm at the tip in blocks of tissue".to_owned()),
             base_ms: self.base_ms[at] + extra_ms,
             dials,
         }
@@ -216,6 +220,7 @@ fn dial(
         .flat_map(|table| table.rows.iter().map(move |row| (table, row)));
     let found = rows.filter(|(_, row)| row.flag.is_none()).filter_map(|(table, row)| {
         let error = if row.gold { 0.0 } else { table.value(row, error)? };
+        let error = if error < SLIGHT_MM { 0.0 } else { error };
         Some((value(row)?, table.value(row, TIME)?, error))
     });
     let found: Vec<(String, f64, f64)> = found.collect();

@@ -15,6 +15,7 @@ mod mesh_make;
 mod meshes;
 mod quality;
 mod reports;
+mod seeds;
 mod solve;
 mod stability;
 mod support;

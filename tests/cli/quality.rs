@@ -136,7 +136,7 @@ fn steps_are_tried_on_the_insertion_itself() {
         (run.json()["quality"][0].clone(), run.stderr)
     };
     let (met, told) = quality(10_000.0);
-    assert!(told.contains("tried on this insertion"), "{told}");
+    assert!(told.contains("quality: trying it on this insertion"), "{told}");
     assert_eq!(
         (&met["met"], &met["settings"][0]["value"]),
         (&true.into(), &"\"exact\"".into())

@@ -144,6 +144,12 @@ impl Finite {
         pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
     }
 
+    /// Nodes on the needle, base first, and whether each sticks to it.
+    pub fn contact_states(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
+        let contacts = self.contacts.iter();
+        contacts.map(|contact| (contact.node, contact.slider.is_stuck()))
+    }
+
     /// Computes ahead what remeshing along a path will read: a path of `length_mm` from `from` along `direction` that strays up to
     /// `aside_mm` in the tissue at rest, because the needle bends or a probe moves the tissue. Without a dense inverse each node in
     /// its way otherwise costs some milliseconds when the tip comes near.
@@ -213,10 +219,12 @@ impl Finite {
         self.needle
             .place(base, self.entry.as_ref(), &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
+        let at_rest = self.tip_at_rest();
         let outcome = &mut self.outcome;
         outcome.on_hand = on_hand;
         outcome.on_probe = on_probe;
         outcome.tip_mm = tip;
+        outcome.tip_at_rest_mm = at_rest;
         outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
         outcome.inserted_mm = (self.line.length_mm() - first).max(0.0);
         outcome.contacts = self.contacts.len();
@@ -249,7 +257,7 @@ impl Model for Finite {
             finite("the pose of the probe", numbers(probe))?;
         }
         if let Some(guide) = &instruments.guide {
-            finite("the guide of a step", guide.iter().copied())?;
+            finite("the guide", guide.iter().copied())?;
         }
         if !(dt_s.is_finite() && dt_s > 0.0) {
             return Err(StepError::Input {

@@ -37,6 +37,8 @@ pub struct Outcome {
     pub on_probe: Option<Wrench>,
     /// The tip, mm.
     pub tip_mm: Point3<f64>,
+    /// Where the tissue at the tip is at rest, mm; none outside.
+    pub tip_at_rest_mm: Option<Point3<f64>>,
     /// How far the tip is from where that of the unloaded needle would be, mm.
     pub tip_deflection_mm: f64,
     /// How deep the tip is along the path in the tissue, mm: 0 outside.

@@ -173,13 +173,13 @@ impl MassSpring {
     fn conclude(&mut self, instruments: &Instruments, parts: usize) {
         let tip = self.body.line.tip();
         let length = self.body.line.length_mm();
-        if instruments.deposit {
-            let found = self
-                .network
-                .locate(&tip.coords, self.body.element)
-                .filter(|_| self.body.awake);
-            let reference = found.map_or(tip.coords, |(element, at)| self.network.to_reference(element, &at));
-            self.body.seeds.push(reference.into());
+        let inside = self.body.awake && !self.contacts.stack.is_empty();
+        let found = inside
+            .then(|| self.network.locate(&tip.coords, self.body.element))
+            .flatten();
+        let at_rest = found.map(|(element, at)| Point3::from(self.network.to_reference(element, &at)));
+        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
+            self.body.seeds.push(place);
             self.event(EventKind::Seed, tip, self.body.region);
         }
         let crushed = self
@@ -195,6 +195,7 @@ impl MassSpring {
                 torque_nmm: self.outcome.on_hand.torque_nmm / parts as f64,
             },
             tip_mm: tip,
+            tip_at_rest_mm: at_rest,
             tip_deflection_mm: (tip - bone::unloaded_tip(&instruments.base, length)).norm(),
             inserted_mm: stack.first().map_or(0.0, |first| (length - first.arc).max(0.0)),
             contacts: stack.len(),

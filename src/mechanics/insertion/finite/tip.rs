@@ -224,12 +224,16 @@ impl Finite {
         moved
     }
 
+    /// Where the tissue at the tip is at rest, mm; none outside.
+    pub(super) fn tip_at_rest(&self) -> Option<Point3<f64>> {
+        let inside = !self.contacts.is_empty() && !self.tip.outside && self.tip.element.is_some();
+        inside.then_some(self.tip.reference)
+    }
+
     /// Leaves a seed at the tip, if it is in tissue.
     pub(super) fn deposit(&mut self) {
-        let Some((_, region)) = self.tip.element.filter(|_| !self.contacts.is_empty()) else {
-            return;
-        };
-        self.seeds.push(self.tip.reference);
-        self.note(EventKind::Seed, self.line.tip(), Some(region));
+        let Some(place) = self.tip_at_rest() else { return };
+        self.seeds.push(place);
+        self.note(EventKind::Seed, self.line.tip(), self.tip.region());
     }
 }

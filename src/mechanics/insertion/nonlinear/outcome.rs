@@ -35,10 +35,10 @@ impl Nonlinear {
     pub(super) fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
         let tip = self.line.tip();
         let depth = self.needle.depth_mm();
-        if instruments.deposit {
-            let inside = self.way.as_ref().filter(|_| !self.needle.is_outside());
-            let reference = inside.map_or(tip, |way| way.entry + depth * way.direction.into_inner());
-            self.seeds.push(reference);
+        let inside = self.way.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
+        let at_rest = inside.map(|way| way.entry + depth * way.direction.into_inner());
+        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
+            self.seeds.push(place);
             self.note(EventKind::Seed, self.region);
         }
         self.outcome.crushed = self.crushed();
@@ -47,6 +47,7 @@ impl Nonlinear {
         }
         let pushes = matches!(self.needle.phase(), Phase::Pushing(_));
         self.outcome.tip_mm = tip;
+        self.outcome.tip_at_rest_mm = at_rest;
         self.outcome.inserted_mm = depth;
         self.outcome.contacts = self.needle.pieces() + usize::from(pushes);
         self.outcome.stuck *= self.outcome.contacts;
