@@ -237,10 +237,11 @@ impl ScenarioFile {
             held += nodes.len();
             nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
         }
-        warnings.push(format!(
-            "{} small parts of the mesh that nothing holds ({held} nodes) are fixed",
-            free.len()
-        ));
+        let parts = match free.len() {
+            1 => "a small part of the mesh that nothing holds is fixed".to_owned(),
+            parts => format!("{parts} small parts of the mesh that nothing holds are fixed"),
+        };
+        warnings.push(format!("{parts} ({held} nodes)"));
         rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))).map_err(|error| self.fault("tissue.fix", error))
     }
 }
