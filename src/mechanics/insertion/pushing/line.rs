@@ -92,7 +92,8 @@ impl<const D: usize> Line<D> {
             points: Vec::new(),
             length: 0.0,
         };
-        if line.least(body, 0.0) < -BESIDE {
+        // An entry that crossings gave lies BESIDE outside already, more or less by rounding.
+        if line.least(body, 0.0) < -2.0 * BESIDE {
             return Err(InvalidWay::Outside { entry: entry.to_vec() });
         }
         while line.least(body, line.length + PIECE_MM) >= -OUTSIDE {

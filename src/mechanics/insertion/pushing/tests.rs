@@ -129,6 +129,24 @@ fn a_slow_needle_meets_less_force() {
 }
 
 #[test]
+fn a_way_that_begins_where_a_line_meets_the_body_is_one_whatever_its_direction() {
+    let mut needle = push(elastic(), &LAYERS);
+    for at in 0..200 {
+        let angle = 0.9 * f64::from(at - 100) / 100.0;
+        let direction = [angle.sin(), -angle.cos()];
+        let tip = [0.3 - 7.0 * direction[0], 20.0 - 7.0 * direction[1]];
+        let met = crossings(needle.body(), &tip, &direction);
+        let from_mm = met
+            .iter()
+            .fold(f64::INFINITY, |least, crossing| least.min(crossing.from_mm));
+        let entry = [0, 1].map(|axis| tip[axis] + from_mm * direction[axis]);
+        needle
+            .aim(entry, direction, LAYERS.to_vec())
+            .unwrap_or_else(|error| panic!("{angle} rad: {error}"));
+    }
+}
+
+#[test]
 fn ways_are_checked() {
     let refused =
         |entry, direction, layers: &[Layer]| Pushing::new(elastic(), entry, direction, layers.to_vec()).unwrap_err();
