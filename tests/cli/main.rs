@@ -9,6 +9,7 @@ mod frames;
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
 mod insert;
+mod insert_far;
 mod insert_ready;
 mod material;
 mod mesh_make;

@@ -1,5 +1,6 @@
 //! Contact, needle, time.
 
+mod away;
 mod belt;
 mod bent;
 mod bone;
@@ -87,6 +88,14 @@ pub const GROUP: Group = Group {
             covers: &["finite elements"],
             seed: 70,
             run: large::crushed,
+        },
+        Case {
+            name: "insertions moved far away",
+            criterion: "in and partly out 1e5 mm from the origin on each axis: contacts, remeshes and events of the same steps, tip, tissue \
+                        and forces off by what rounding of the places adds up to, and, where a step took other iterations, their tolerance",
+            covers: &["finite elements", "masses and springs"],
+            seed: 71,
+            run: away::moved_far,
         },
     ],
 };
