@@ -8,6 +8,7 @@ pub mod finite;
 mod interaction;
 pub mod nonlinear;
 mod outcome;
+mod parts;
 mod probe;
 pub mod pushing;
 pub mod spring;
@@ -17,6 +18,7 @@ use nalgebra::{Isometry3, Point3};
 use super::needle::CentreLine;
 pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
+pub use parts::InvalidPart;
 pub use probe::ProbeContact;
 
 /// Where the instruments are: what a step reads.

@@ -13,7 +13,7 @@ use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::insertion::{Model, nonlinear};
+use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
 use crate::mechanics::needle::{
     Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
 };
@@ -117,11 +117,12 @@ impl Scenario {
 
     fn blame(&self, error: InvalidSetup) -> ScenarioError {
         let key = match &error {
-            InvalidSetup::Interaction { .. } => "tissue.material",
-            InvalidSetup::Fixed { .. } | InvalidSetup::Rigid(_) => "tissue.fix",
+            InvalidSetup::Part(InvalidPart::Interaction { .. }) => "tissue.material",
+            InvalidSetup::Part(InvalidPart::Fixed { .. }) | InvalidSetup::Rigid(_) => "tissue.fix",
             InvalidSetup::Candidate { .. } => "contact_probe",
-            InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => "tissue",
-            InvalidSetup::Number { .. } => "tissue",
+            InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => {
+                "tissue"
+            }
             InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
         };
         self.file.fault(key, Wrong::Setup(error))

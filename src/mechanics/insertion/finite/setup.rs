@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use super::joint::Yielding;
 use super::{Finite, Interactions, Joint, Memory, Nearby, Outcome, Press, Tip};
-use crate::mechanics::insertion::{Interaction, InvalidInteraction, ProbeContact};
+use crate::mechanics::insertion::{Interaction, InvalidPart, ProbeContact, parts};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
 use crate::mechanics::tissue::assembly::AssemblyError;
@@ -87,34 +87,9 @@ pub struct Setup {
 /// Why an insertion cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidSetup {
-    /// What a region does to the needle has a number out of range.
-    #[error("region {region}: {cause}")]
-    Interaction {
-        /// The region.
-        region: i32,
-        /// The number.
-        cause: InvalidInteraction,
-    },
-    /// A number out of range.
-    #[error("`{key}` is {found}; expected {expected}")]
-    Number {
-        /// Which.
-        key: &'static str,
-        /// As given.
-        found: f64,
-        /// Its range.
-        expected: &'static str,
-    },
-    /// A fixed node or axis that is not there.
-    #[error("node {node}, axis {axis} is to be fixed, but there are {nodes} nodes (numbered from 0) with axes 0 to 2")]
-    Fixed {
-        /// The node.
-        node: u32,
-        /// The axis.
-        axis: u8,
-        /// How many there are.
-        nodes: usize,
-    },
+    /// Something that every model on a mesh is given cannot be used.
+    #[error(transparent)]
+    Part(#[from] InvalidPart),
     /// A candidate of the probe that is not there, named twice, or fixed.
     #[error("node {node} cannot be a candidate of the probe: it {reason}")]
     Candidate {
@@ -141,22 +116,11 @@ pub enum InvalidSetup {
 }
 
 impl Setup {
-    fn check(&self) -> Result<(), InvalidSetup> {
-        let nodes = self.mesh.nodes().len();
-        for &(region, interaction) in &self.interactions {
-            interaction
-                .check()
-                .map_err(|cause| InvalidSetup::Interaction { region, cause })?;
-        }
-        if let Some(&(node, axis)) = self
-            .fixed
-            .iter()
-            .find(|(node, axis)| *node as usize >= nodes || *axis > 2)
-        {
-            return Err(InvalidSetup::Fixed { node, axis, nodes });
-        }
+    fn check(&self) -> Result<(), InvalidPart> {
+        parts::interactions(&self.interactions)?;
+        parts::fixed(&self.fixed, self.mesh.nodes().len())?;
         let options = &self.options;
-        let positive = [
+        parts::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
             ("most_iterations", options.most_iterations as f64),
@@ -165,18 +129,7 @@ impl Setup {
             ("condition_limit", options.condition_limit),
             ("columns", options.columns as f64),
             ("length_mm", self.probe.as_ref().map_or(1.0, |probe| probe.length_mm)),
-        ];
-        match positive
-            .into_iter()
-            .find(|(_, found)| !(found.is_finite() && *found > 0.0))
-        {
-            Some((key, found)) => Err(InvalidSetup::Number {
-                key,
-                found,
-                expected: "a finite number above 0",
-            }),
-            None => Ok(()),
-        }
+        ])
     }
 
     fn check_candidates(&self, dofs: &Dofs) -> Result<(), InvalidSetup> {

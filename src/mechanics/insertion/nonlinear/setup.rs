@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::Nonlinear;
 use crate::mechanics::insertion::pushing::Pushing;
-use crate::mechanics::insertion::{Interaction, InvalidInteraction, Outcome};
+use crate::mechanics::insertion::{Interaction, InvalidPart, Outcome, parts};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, InvalidNeedleModel, Shaft};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
@@ -77,39 +77,14 @@ pub struct Setup {
 /// Why there is no model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidSetup {
-    /// What a region does to the needle has a number out of range.
-    #[error("region {region}: {cause}")]
-    Interaction {
-        /// The region.
-        region: i32,
-        /// The number.
-        cause: InvalidInteraction,
-    },
+    /// Something that every model on a mesh is given cannot be used.
+    #[error(transparent)]
+    Part(#[from] InvalidPart),
     /// A region does to the needle what this model has no part for.
     #[error("region {region} has a `peak` of force near the tip, which tissue that stiffens has no part for")]
     Peak {
         /// The region.
         region: i32,
-    },
-    /// A number out of range.
-    #[error("`{key}` is {found}; expected {expected}")]
-    Number {
-        /// Which.
-        key: &'static str,
-        /// As given.
-        found: f64,
-        /// Its range.
-        expected: &'static str,
-    },
-    /// A fixed node or axis that is not there.
-    #[error("node {node}, axis {axis} is to be fixed, but there are {nodes} nodes (numbered from 0) with axes 0 to 2")]
-    Fixed {
-        /// The node.
-        node: u32,
-        /// The axis.
-        axis: u8,
-        /// How many nodes there are.
-        nodes: usize,
     },
     /// The needle is none.
     #[error(transparent)]
@@ -132,30 +107,19 @@ impl Nonlinear {
     /// [`InvalidSetup`].
     pub fn new(setup: Setup) -> Result<Nonlinear, InvalidSetup> {
         let options = setup.options;
-        let above = |key, found: f64| {
-            let expected = "a finite number above 0";
-            let holds = found.is_finite() && found > 0.0;
-            holds.then_some(()).ok_or(InvalidSetup::Number { key, found, expected })
-        };
-        above("part_mm", options.part_mm)?;
-        above("most_parts", options.most_parts as f64)?;
-        above("tolerance", options.solving.tolerance)?;
+        let nodes = setup.mesh.nodes().len();
+        parts::interactions(&setup.interactions)?;
+        parts::fixed(&setup.fixed, nodes)?;
+        parts::above_zero(&[
+            ("part_mm", options.part_mm),
+            ("most_parts", options.most_parts as f64),
+            ("tolerance", options.solving.tolerance),
+        ])?;
         setup.shaft.check()?;
         let mut interactions = setup.interactions;
         interactions.sort_by_key(|(region, _)| *region);
-        for (region, interaction) in &interactions {
-            let region = *region;
-            interaction
-                .check()
-                .map_err(|cause| InvalidSetup::Interaction { region, cause })?;
-            if interaction.peak.is_some() {
-                return Err(InvalidSetup::Peak { region });
-            }
-        }
-        let nodes = setup.mesh.nodes().len();
-        let missing = |(node, axis): &&(u32, u8)| *node as usize >= nodes || *axis > 2;
-        if let Some(&(node, axis)) = setup.fixed.iter().find(missing) {
-            return Err(InvalidSetup::Fixed { node, axis, nodes });
+        if let Some(&(region, _)) = interactions.iter().find(|(_, of)| of.peak.is_some()) {
+            return Err(InvalidSetup::Peak { region });
         }
         let name = format!("{nodes} nodes, {:?}, {:?}, {:?}", setup.shaft, setup.viscosity, options);
         let body = Arc::new(Solid::tetrahedra(&setup.mesh, &setup.laws)?);
