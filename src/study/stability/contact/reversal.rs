@@ -32,19 +32,19 @@ pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let name = format!("finite elements, {swing} mm");
         travel(&mut finite, [-1.0, DEPTH_MM], 0.25, |_| {})?;
         let mut arcs = arcs(&finite);
-        let (mut watch, mut excess, mut least) = (Watch::default(), f64::NEG_INFINITY, f64::INFINITY);
+        let (mut watch, mut excess, mut returned) = (Watch::default(), f64::NEG_INFINITY, f64::NEG_INFINITY);
         for step in 0..steps {
             let outcome = go(&mut finite, turned(step, swing))?;
             watch.see(outcome);
             let bound = USUAL.friction_n_per_mm * outcome.inserted_mm + USUAL.cutting_n;
             excess = largest_of(excess, resistance(outcome).abs() / bound - 1.0);
-            least = least.min(dissipated(&finite, &mut arcs));
+            returned = given_back(&finite, &mut arcs).fold(returned, largest_of);
         }
         watch.write(record, &name);
         record.under(format!("force over Coulomb's bound, {name}"), excess, BOUND);
         record.under(
             format!("work that friction gives back in a step, N mm, {name}"),
-            -least,
+            returned,
             IDLE_NMM,
         );
         settles(record, &mut finite, states, turned(steps - 1, swing), &name)?;
@@ -100,18 +100,14 @@ fn arcs(finite: &Finite) -> BTreeMap<u32, f64> {
     finite.contact_forces().map(|(node, arc, _)| (node, arc)).collect()
 }
 
-/// What friction of each contact dissipates in the step that has been made, N mm: the least of them.
-fn dissipated(finite: &Finite, arcs: &mut BTreeMap<u32, f64>) -> f64 {
-    let mut least = f64::INFINITY;
+/// The work that friction of each contact gives back in the step that has been made, N mm: below 0 where it dissipates.
+fn given_back(finite: &Finite, arcs: &mut BTreeMap<u32, f64>) -> impl Iterator<Item = f64> {
     let before = std::mem::take(arcs);
-    for (node, arc, force) in finite.contact_forces() {
-        if let Some(from) = before.get(&node) {
-            // The force on tissue is against its slip along the shaft, which is along z.
-            least = least.min(-force.z * (arc - from));
-        }
+    finite.contact_forces().filter_map(move |(node, arc, force)| {
         arcs.insert(node, arc);
-    }
-    least
+        // The force on tissue is against its slip along the shaft, which is along z.
+        before.get(&node).map(|from| force.z * (arc - from))
+    })
 }
 
 /// Which contacts stick, by node.
