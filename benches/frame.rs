@@ -9,9 +9,30 @@ use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use insonify::effects::{Effects, REGISTRY};
 use insonify::gpu::{AdapterChoice, Gpu, Needs};
 use insonify::scene::SceneFile;
-use insonify::study::bench::compare::SCENE;
 use insonify::synth::{Backend, FrameState, Synthesizer};
 use nalgebra::Matrix4;
+
+/// The default abdomen with everything that a frame can have.
+const SCENE: &str = r#"
+version = 1
+volume = { phantom = "abdomen" }
+needle = { tip_mm = [-52.3, -20.2, -25.1], entry_mm = [-32.0, -79.6, -7.1] }
+
+[deform]
+nodes = 5000
+field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [0, 1, 0], depth_mm = 4, radius_mm = 15 }
+
+[effects]
+texture = {}
+speckle = {}
+interface = {}
+needle = {}
+shadow = {}
+blur = {}
+receiver = {}
+tone = {}
+noise = {}
+"#;
 
 /// What a frame is made of, from little to much.
 #[derive(Clone, Copy)]
@@ -25,7 +46,7 @@ impl Load {
     const ALL: [(&str, Self); 3] = [("slicing", Self::Slicing), ("usual", Self::Usual), ("full", Self::Full)];
 
     fn prepare(self, backend: Backend) -> (Synthesizer, FrameState) {
-        let scene = SceneFile::parse(SCENE, "the scene with everything").and_then(|file| file.resolve(".".as_ref()));
+        let scene = SceneFile::parse(SCENE, "benches/frame.rs").and_then(|file| file.resolve(".".as_ref()));
         let mut scene = scene.expect("a valid scene");
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, 1, &mut state).expect("a first frame");
