@@ -151,6 +151,7 @@ pub fn table_one() -> Result<Study, BeamError> {
     };
     Ok(Study {
         name: "beam-table-one",
+        title: "Table 1 of the flexible needle bending model paper",
         about: vec![
             ("needle", "steel, 200 GPa, 1 mm".to_owned()),
             ("PVC", "Ogden, mu 12.72 kPa, alpha -1, UEng".to_owned()),

@@ -25,14 +25,18 @@ tr.wrong td{color:var(--bad)}\
 .warning{background:var(--card);border-left:.3rem solid var(--bad);padding:.5rem .8rem;margin:.6rem 0}\
 .figures{display:flex;flex-wrap:wrap;gap:1rem 2rem;margin:.8rem 0}\
 figure{margin:0;flex:1 1 20rem;max-width:30rem;break-inside:avoid}figcaption{font-size:.9rem;color:var(--soft)}\
-svg{display:block;width:100%;height:auto}\
+svg{display:block;width:100%;height:auto}figure.whole{max-width:none}\
+@media screen{figure.whole svg{width:auto;max-width:none}}\
 details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
 @media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}\
 .stack,.stack tbody{display:block}.stack thead{display:none}.stack tr{display:block;padding:.45rem 0;border-bottom:1px solid var(--line)}\
-.stack td{display:inline;border:0;padding:0;margin-right:.7rem}.stack td:first-child{display:block;font-weight:600}}\
+.stack td{display:block;border:0;padding:0;text-align:left;white-space:normal}.stack td:empty{display:none}\
+.stack td[data-label]:not(:first-child)::before{content:attr(data-label) ': ';color:var(--soft)}\
+.stack td:first-child{font-weight:600}.stack td:first-child small{font-weight:400}}\
 @media print{:root{color-scheme:light;--ink:#000;--soft:#444;--paper:#fff;--card:#f4f4f4;--line:#bbb;--good:#00583e;--bad:#8f3000}\
 figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details{display:none}\
-h2,h3{break-after:avoid}tr,.advice{break-inside:avoid}table{font-size:8pt}}";
+h2,h3,h2+p,h3+p,h3+p+p,thead,tbody tr:first-child,figcaption{break-after:avoid}tr,.advice,.warning{break-inside:avoid}\
+p{orphans:3;widows:3}.figures{display:block}.figures figure{margin:0 0 .6rem}table{font-size:8pt}}";
 
 /// A page that is being written.
 pub struct Page(String);
@@ -62,20 +66,29 @@ impl Page {
 
     /// Adds a table that scrolls where it is too wide.
     pub fn table(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        self.table_of_class("", headings, rows);
+        self.table_that(false, headings, rows);
     }
 
     /// Adds a table whose rows become blocks on a narrow screen, their first cell as a heading.
     pub fn stacked(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        self.table_of_class("stack", headings, rows);
+        self.table_that(true, headings, rows);
     }
 
-    fn table_of_class(&mut self, class: &str, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
+    fn table_that(&mut self, stacked: bool, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
+        let class = if stacked { "stack" } else { "" };
         self.put(format_args!("<div class=\"wide\"><table class=\"{class}\">"));
-        let heading: String = headings.iter().map(|cell| cell.markup("th")).collect();
+        let heading: String = headings.iter().map(|cell| cell.markup("th", "")).collect();
         self.put(format_args!("<thead><tr>{heading}</tr></thead><tbody>"));
         for (class, cells) in rows {
-            let cells: String = cells.iter().map(|cell| cell.markup("td")).collect();
+            // Where rows are blocks, each cell says what it is.
+            let labels = headings
+                .iter()
+                .map(|heading| match stacked && !heading.words().is_empty() {
+                    true => format!(" data-label=\"{}\"", escape(heading.words())),
+                    false => String::new(),
+                });
+            let cells = cells.iter().zip(labels.chain(std::iter::repeat(String::new())));
+            let cells: String = cells.map(|(cell, label)| cell.markup("td", &label)).collect();
             self.put(format_args!("<tr class=\"{class}\">{cells}</tr>"));
         }
         self.put("</tbody></table></div>");
@@ -86,6 +99,14 @@ impl Page {
         let caption = escape(caption);
         self.put(format_args!(
             "<figure role=\"img\" aria-label=\"{caption}\"><figcaption>{caption}</figcaption>{svg}</figure>"
+        ));
+    }
+
+    /// Adds a figure that keeps its size, in a box that scrolls sideways where it is too wide: for lettering that would be too small.
+    pub fn wide_figure(&mut self, svg: &str, caption: &str) {
+        let caption = escape(caption);
+        self.put(format_args!(
+            "<figure class=\"whole\" role=\"img\" aria-label=\"{caption}\"><figcaption>{caption}</figcaption><div class=\"wide\">{svg}</div></figure>"
         ));
     }
 
@@ -105,28 +126,61 @@ pub enum Cell {
     Pair(String, String),
     /// A number, to the right.
     Number(String),
+    /// Heading of a column of numbers, and what they are.
+    Explained(String, String),
     /// Small labels, each with its class.
     Tags(Vec<(&'static str, String)>),
 }
 
 impl Cell {
-    fn markup(&self, element: &str) -> String {
+    /// The words that stand first in it.
+    fn words(&self) -> &str {
         match self {
-            Cell::Text(text) => format!("<{element}>{}</{element}>", escape(text)),
-            Cell::Pair(text, below) => format!(
-                "<{element}>{}<br><small class=\"soft\">{}</small></{element}>",
-                escape(text),
-                escape(below)
+            Cell::Text(text) | Cell::Pair(text, _) | Cell::Number(text) | Cell::Explained(text, _) => text,
+            Cell::Tags(_) => "",
+        }
+    }
+
+    /// The cell as an element of a name with attributes.
+    fn markup(&self, name: &str, attributes: &str) -> String {
+        let whole = |inner: &str, own: &str| format!("<{name}{own}{attributes}>{inner}</{name}>");
+        match self {
+            Cell::Text(text) => whole(&unbroken(text), ""),
+            Cell::Pair(text, below) => whole(
+                &format!(
+                    "{}<br><small class=\"soft\">{}</small>",
+                    unbroken(text),
+                    unbroken(below)
+                ),
+                "",
             ),
-            Cell::Number(text) => format!("<{element} class=\"n\">{}</{element}>", escape(text)),
+            Cell::Number(text) => whole(&unbroken(text), " class=\"n\""),
+            Cell::Explained(text, meaning) => {
+                whole(&escape(text), &format!(" class=\"n\" title=\"{}\"", escape(meaning)))
+            }
             Cell::Tags(tags) => {
                 let tags = tags
                     .iter()
                     .map(|(class, text)| format!("<span class=\"tag {class}\">{}</span>", escape(text)));
-                format!("<{element}>{}</{element}>", tags.collect::<Vec<_>>().join(" "))
+                whole(&tags.collect::<Vec<_>>().join(" "), "")
             }
         }
     }
+}
+
+/// Text whose products of numbers, such as 256 x 512, stay on one line.
+fn unbroken(text: &str) -> String {
+    let mut parts = text.split(" x ").peekable();
+    let mut joined = String::new();
+    while let Some(part) = parts.next() {
+        joined += part;
+        if let Some(next) = parts.peek() {
+            let numbers =
+                part.ends_with(|it: char| it.is_ascii_digit()) && next.starts_with(|it: char| it.is_ascii_digit());
+            joined += if numbers { "\u{a0}x\u{a0}" } else { " x " };
+        }
+    }
+    escape(&joined)
 }
 
 /// Text as it must stand in a document.

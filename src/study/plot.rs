@@ -145,8 +145,9 @@ pub struct Plot {
     pub series: Vec<Series>,
     /// What the shapes mean, in the order of [`Marker::nth`]; nothing where they mean nothing.
     pub markers: Vec<String>,
-    /// Points to mark as the best choices (see [`pareto`]); joined by steps.
-    pub front: Vec<[f64; 2]>,
+    /// Points to mark as the best choices (see [`pareto`]), from left to right: a front for each set of rivals. Steps join those of
+    /// a front where no lines join points.
+    pub front: Vec<Vec<[f64; 2]>>,
 }
 
 /// Why a plot cannot be drawn.
@@ -291,21 +292,23 @@ impl Plot {
             .axis_desc_style(("sans-serif", lettering[0]))
             .label_style(("sans-serif", lettering[1]))
             .draw()?;
-        let mut steps: Vec<(f64, f64)> = Vec::new();
-        for point in &self.front {
-            if let Some(&(_, height)) = steps.last() {
-                steps.push((point[0], height));
-            }
-            steps.push((point[0], point[1]));
-        }
-        if !steps.is_empty() {
+        let joined = self.series.iter().any(|series| series.joined);
+        for front in &self.front {
             let style = BLACK.mix(0.35).stroke_width(2);
-            chart.draw_series(LineSeries::new(steps, style))?;
-            chart.draw_series(
-                self.front
+            let shown = || {
+                front
                     .iter()
-                    .map(|point| Circle::new((point[0], point[1]), MARK + 4, style)),
-            )?;
+                    .filter(|point| self.x.shows(point[0]) && self.y.shows(point[1]))
+            };
+            let mut steps: Vec<(f64, f64)> = Vec::new();
+            for point in shown().filter(|_| !joined) {
+                if let Some(&(_, height)) = steps.last() {
+                    steps.push((point[0], height));
+                }
+                steps.push((point[0], point[1]));
+            }
+            chart.draw_series(LineSeries::new(steps, style))?;
+            chart.draw_series(shown().map(|point| Circle::new((point[0], point[1]), MARK + 4, style)))?;
         }
         for series in &self.series {
             let colour = colour(series.colour);

@@ -17,6 +17,7 @@
 
 mod advice;
 pub mod beam;
+mod best;
 pub mod gather;
 pub mod history;
 pub mod image;
@@ -36,7 +37,6 @@ pub use pace::{Beat, InTime, Pace};
 pub use render::RenderError;
 
 use super::machine::Machine;
-use super::plot;
 
 /// What tells rows apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -45,6 +45,17 @@ pub struct Factor {
     pub key: &'static str,
     /// Heading.
     pub label: &'static str,
+}
+
+impl Factor {
+    /// A choice in words: a bare number has the label around it, as in "spacing 5 mm" of a label "spacing, mm".
+    pub fn name(&self, choice: &str) -> String {
+        match (choice.parse::<f64>(), self.label.rsplit_once(", ")) {
+            (Ok(_), Some((what, unit))) => format!("{what} {choice} {unit}"),
+            (Ok(_), None) => format!("{}: {choice}", self.label),
+            (Err(_), _) => choice.to_owned(),
+        }
+    }
 }
 
 /// What is measured.
@@ -94,8 +105,6 @@ pub struct Row {
     pub choices: Vec<String>,
     /// One for each axis; none where it was not or cannot be measured.
     pub values: Vec<Option<f64>>,
-    /// Whether nothing of its kind is better in everything that counts (see [`Table::mark_front`]).
-    pub best: bool,
     /// Whether the others are compared with it (see [`Table::mark_gold`]).
     pub gold: bool,
     /// What is wrong with it: a promise broken.
@@ -146,12 +155,10 @@ pub struct Figure {
     pub joined: bool,
     /// Whether points are marked: of a long trace a line is enough.
     pub marked: bool,
-    /// Whether the points that nothing beats are marked.
-    pub front: bool,
 }
 
 impl Figure {
-    /// Marked points of a table, those of a colour joined: no shapes, every row, the front unmarked.
+    /// Marked points of a table, those of a colour joined: no shapes, every row.
     pub fn new(
         file: impl Into<String>,
         title: impl Into<String>,
@@ -170,7 +177,6 @@ impl Figure {
             only: Vec::new(),
             joined: true,
             marked: true,
-            front: false,
         }
     }
 }
@@ -180,6 +186,8 @@ impl Figure {
 pub struct Study {
     /// Its name.
     pub name: &'static str,
+    /// Heading of its page.
+    pub title: &'static str,
     /// What was studied: settings, sizes.
     pub about: Vec<(&'static str, String)>,
     /// What the CPU part ran on.
@@ -264,7 +272,6 @@ impl Table {
                 .into_iter()
                 .map(|value| value.filter(|x| x.is_finite()))
                 .collect(),
-            best: false,
             gold: false,
             flag,
         });
@@ -283,28 +290,5 @@ impl Table {
     /// Value of a row on an axis; none where there is no such axis or nothing was measured.
     pub fn value(&self, row: &Row, key: &str) -> Option<f64> {
         row.values[self.axis(key)?]
-    }
-
-    /// Values of a row on two axes, where it has both.
-    fn point(&self, row: &Row, x: &str, y: &str) -> Option<[f64; 2]> {
-        Some([self.value(row, x)?, self.value(row, y)?])
-    }
-
-    /// Marks the rows that no other beats in both axes, smaller being better, among those with the same choice of `group`.
-    /// Flagged rows do not take part: a broken promise is no choice.
-    pub fn mark_front(&mut self, x: &str, y: &str, group: &str) {
-        let Some(group) = self.factor(group) else { return };
-        let points: Vec<Option<[f64; 2]>> = self
-            .rows
-            .iter()
-            .map(|row| self.point(row, x, y).filter(|_| row.flag.is_none()))
-            .collect();
-        for at in 0..self.rows.len() {
-            let choice = &self.rows[at].choices[group];
-            let alike = self.rows.iter().zip(&points);
-            let alike = alike.filter(|(row, _)| row.choices[group] == *choice);
-            let front = plot::pareto(&alike.filter_map(|(_, point)| *point).collect::<Vec<_>>());
-            self.rows[at].best = points[at].is_some_and(|point| front.contains(&point));
-        }
     }
 }

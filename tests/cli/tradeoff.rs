@@ -56,6 +56,7 @@ fn levels_are_measured_against_the_moved_mesh() {
         bench.files("study"),
         [
             "drift.csv",
+            "index.html",
             "remesh-drift.png",
             "remesh-drift.svg",
             "remesh-error-time.png",

@@ -176,6 +176,7 @@ pub fn compare(
     let nodes = subject.anatomy.mesh.as_ref().map_or(0, |mesh| mesh.nodes().len());
     Ok(Study {
         name: "compare",
+        title: "GPU against CPU",
         about: vec![
             ("mesh", format!("{nodes} nodes, moved in every frame")),
             (

@@ -7,7 +7,7 @@ fn plot() -> Plot {
         x: Axis::log("time, ms"),
         y: Axis::log("relative error"),
         markers: vec!["CPU".into()],
-        front: pareto(&points),
+        front: vec![pareto(&points)],
         series: vec![Series {
             name: "level I".into(),
             points,
@@ -20,7 +20,7 @@ fn plot() -> Plot {
 
 #[test]
 fn the_front_is_what_nothing_beats() {
-    assert_eq!(plot().front, [[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12]]);
+    assert_eq!(plot().front, [[[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12]]]);
     assert_eq!(
         pareto(&[[1.0, 2.0], [1.0, 1.0], [2.0, 1.0], [f64::NAN, 0.0]]),
         [[1.0, 1.0]]

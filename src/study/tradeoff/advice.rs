@@ -39,6 +39,8 @@ pub struct Goal {
     pub each: Vec<&'static str>,
     /// Keys of factors under all of whose choices a way must do.
     pub over: Vec<&'static str>,
+    /// A choice of a factor that only shows what the thing is worth, and why it is never advised.
+    pub baseline: Option<(&'static str, &'static str, &'static str)>,
     /// What must be done in time, and the key of the axis that says what it takes, ms; none where it is done once.
     pub every: Option<(Beat, &'static str)>,
 }
@@ -70,6 +72,7 @@ impl Goal {
             beside: Vec::new(),
             each: Vec::new(),
             over: Vec::new(),
+            baseline: None,
             every: None,
         }
     }
@@ -89,6 +92,12 @@ impl Goal {
     /// Advice for each choice of these factors.
     pub fn each(mut self, factors: &[&'static str]) -> Self {
         self.each = factors.to_vec();
+        self
+    }
+
+    /// A choice of a factor is a baseline, never advised for this reason.
+    pub fn baseline(mut self, factor: &'static str, choice: &'static str, reason: &'static str) -> Self {
+        self.baseline = Some((factor, choice, reason));
         self
     }
 
@@ -222,6 +231,9 @@ impl Table {
         if let Some(gold) = gold.filter(|_| take.is_some_and(|take| !take.gold)) {
             words += &format!(" The gold standard takes {}.", cost(gold));
         }
+        if let Some((_, choice, reason)) = goal.baseline {
+            words += &format!(" {choice} is a baseline and never advised: {reason}.");
+        }
         match wrong {
             0 => {}
             1 => words += " One row is marked WRONG and left out.",
@@ -242,7 +254,13 @@ impl Table {
         let all = self.conditions(goal, rows);
         let name = |row: &Row| self.name(row, |key| !fixed(&key));
         let mut names: Vec<String> = Vec::new();
-        for row in rows {
+        let advised = |row: &Row| {
+            let baseline = goal
+                .baseline
+                .and_then(|(key, choice, _)| Some((self.factor(key)?, choice)));
+            baseline.is_none_or(|(at, choice)| row.choices[at] != choice)
+        };
+        for row in rows.iter().filter(|row| advised(row)) {
             let name = name(row);
             if !names.contains(&name) {
                 names.push(name);
@@ -280,21 +298,16 @@ impl Table {
     }
 
     /// The choices of a row for some factors.
-    fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
+    pub(super) fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
         let found = keys.iter().filter_map(|key| self.factor(key));
         found.map(|at| row.choices[at].as_str()).collect()
     }
 
-    /// Choices of a row in words; a bare number has its factor's label before it.
+    /// Choices of a row in words; each as [`Factor::name`] has it.
     fn name(&self, row: &Row, wanted: impl Fn(&'static str) -> bool) -> String {
         let pairs = self.factors.iter().zip(&row.choices);
-        let words =
-            pairs
-                .filter(|(factor, _)| wanted(factor.key))
-                .map(|(factor, choice)| match choice.parse::<f64>() {
-                    Ok(_) => format!("{}: {choice}", factor.label),
-                    Err(_) => choice.clone(),
-                });
+        let words = pairs.filter(|(factor, _)| wanted(factor.key));
+        let words = words.map(|(factor, choice)| factor.name(choice));
         words.collect::<Vec<_>>().join("; ")
     }
 }

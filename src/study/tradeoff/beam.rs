@@ -58,6 +58,7 @@ pub fn study() -> Result<Study, BeamError> {
     ];
     Ok(Study {
         name: "tradeoff-beam",
+        title: ENTRY.title,
         about: vec![
             ("needle", "steel, 200 GPa, 1 mm".to_owned()),
             (

@@ -87,7 +87,7 @@ pub fn gather(entries: &[Entry], means: &Means, effort: Effort, pace: Pace, prog
         };
         let begun = Instant::now();
         match (entry.run)(means, effort, &mut inner) {
-            Ok(study) => chapters.push(Chapter::of(entry, &study, &pace, begun.elapsed())),
+            Ok(study) => chapters.push(Chapter::of(entry.name, entry.question, &study, &pace, begun.elapsed())),
             Err(error) => missing.push(Missing {
                 name: entry.name.to_owned(),
                 reason: error.to_string(),

@@ -191,6 +191,7 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
     progress("done", 1.0);
     Ok(Study {
         name: "image",
+        title: ENTRY.title,
         about: about(options),
         machine: Machine::here(),
         tables,

@@ -183,6 +183,7 @@ pub fn study(
     options.check()?;
     let mut study = Study {
         name: "tradeoff-insertion",
+        title: ENTRY.title,
         about: vec![("passes", options.passes.to_string())],
         machine: Machine::here(),
         tables: Vec::new(),

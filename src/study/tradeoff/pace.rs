@@ -7,7 +7,7 @@ use super::render::number;
 use super::{Row, Table};
 
 /// Errors below this share of what is of no matter count as none, so that nothing is paid for them.
-const NOTHING: f64 = 0.1;
+pub(super) const NOTHING: f64 = 0.1;
 
 /// What must be done again and again, in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

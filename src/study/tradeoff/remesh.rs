@@ -49,6 +49,9 @@ use subject::Subject;
 /// States of the first insertion in which errors are looked at.
 const STATES: usize = 8;
 
+/// Why level IV is no choice, however near it is after a few moves.
+pub const FROZEN: &str = "it never updates the compliance, so that its error grows with the moves of the mesh";
+
 /// What takes less counts as this, ms: clocks are no finer, and level IV does nothing.
 const GRAIN_MS: f64 = 1e-3;
 

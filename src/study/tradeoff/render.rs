@@ -81,7 +81,7 @@ impl Study {
         figures.collect()
     }
 
-    /// Writes every table as CSV, the whole as JSON, and every plot as PNG and SVG into a folder that exists. Returns the
+    /// Writes every table as CSV, the whole as JSON, every plot as PNG and SVG, and a page that shows all of it into a folder that exists. Returns the
     /// names of the files, in the order written.
     ///
     /// # Errors
@@ -107,6 +107,11 @@ impl Study {
             png::write_rgb(&folder.join(&name), width, height, &plot.rgb()?)?;
             files.push(name);
         }
+        let (name, page) = ("index.html".to_owned(), self.page()?);
+        atomic::write(&folder.join(&name), |file| {
+            std::io::Write::write_all(file, page.as_bytes())
+        })?;
+        files.push(name);
         Ok(files)
     }
 }
@@ -125,9 +130,9 @@ impl Table {
                 .map(str::to_owned)
                 .collect(),
         ];
-        for row in &self.rows {
-            let star = if row.best { "*" } else { "" };
-            let values = shown.iter().map(|at| row.values[*at].map_or("-".to_owned(), number));
+        for (row, best) in self.rows.iter().zip(self.best()) {
+            let star = if best { "*" } else { "" };
+            let values = shown.iter().map(|at| row.figure(*at));
             lines.push(
                 std::iter::once(star.to_owned())
                     .chain(row.choices.iter().cloned())
@@ -167,14 +172,14 @@ impl Table {
             .chain(["best", "gold", "flag"]);
         let mut text = keys.collect::<Vec<_>>().join(",");
         text.push('\n');
-        for row in &self.rows {
+        for (row, best) in self.rows.iter().zip(self.best()) {
             let values = row
                 .values
                 .iter()
                 .map(|value| value.map_or(String::new(), |x| format!("{x}")));
             let cells = row.choices.iter().map(|choice| quoted(choice)).chain(values);
             let end = [
-                row.best.to_string(),
+                best.to_string(),
                 row.gold.to_string(),
                 quoted(row.flag.as_deref().unwrap_or("")),
             ];
@@ -185,7 +190,7 @@ impl Table {
     }
 
     fn json(&self) -> Value {
-        let row = |row: &Row| {
+        let row = |(row, best): (&Row, bool)| {
             let mut map = Map::new();
             for (factor, choice) in self.factors.iter().zip(&row.choices) {
                 map.insert(factor.key.to_owned(), json!(choice));
@@ -193,7 +198,7 @@ impl Table {
             for (axis, value) in self.axes.iter().zip(&row.values) {
                 map.insert(axis.key.to_owned(), json!(value));
             }
-            map.insert("best".to_owned(), json!(row.best));
+            map.insert("best".to_owned(), json!(best));
             map.insert("gold".to_owned(), json!(row.gold));
             map.insert("flag".to_owned(), json!(row.flag));
             Value::Object(map)
@@ -203,7 +208,7 @@ impl Table {
             "gold": self.gold,
             "advice": self.advice(),
             "axes": self.axes,
-            "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
+            "rows": self.rows.iter().zip(self.best()).map(row).collect::<Vec<_>>(),
         })
     }
 
@@ -220,22 +225,15 @@ impl Table {
         let mut colours: Vec<String> = Vec::new();
         let mut kinds: Vec<String> = Vec::new();
         let mut series: Vec<Series> = Vec::new();
-        let mut all = Vec::new();
         for row in self.rows.iter().filter(wanted) {
             let (Some(across), Some(up)) = (row.values[x], row.values[y]) else {
                 continue;
             };
             let point = [across, up];
-            if row.flag.is_none() {
-                all.push(point);
-            }
-            let name = &row.choices[colour];
-            let kind = markers
-                .iter()
-                .map(|at| row.choices[*at].as_str())
-                .collect::<Vec<_>>()
-                .join(", ");
-            let own = place(&mut colours, name);
+            let name_of = |at: usize| self.factors[at].name(&row.choices[at]);
+            let name = name_of(colour);
+            let kind = markers.iter().map(|at| name_of(*at)).collect::<Vec<_>>().join(", ");
+            let own = place(&mut colours, &name);
             let marker = match figure.marked {
                 true => Marker::nth(place(&mut kinds, &kind)),
                 false => Marker::None,
@@ -244,7 +242,7 @@ impl Table {
             match series.iter_mut().find(of_this) {
                 Some(series) => series.points.push(point),
                 None => series.push(Series {
-                    name: name.clone(),
+                    name,
                     points: vec![point],
                     joined: figure.joined,
                     marker,
@@ -258,7 +256,7 @@ impl Table {
             y: y_axis,
             series,
             markers: kinds.into_iter().filter(|kind| !kind.is_empty()).collect(),
-            front: if figure.front { plot::pareto(&all) } else { Vec::new() },
+            front: self.fronts(figure.x, figure.y, |row| wanted(&row)),
         })
     }
 }
@@ -278,6 +276,17 @@ fn axis(axis: &Axis) -> plot::Axis {
     }
 }
 
+impl Row {
+    /// A value in words: a gold standard is off by nothing that could be measured.
+    pub(super) fn figure(&self, at: usize) -> String {
+        match self.values[at] {
+            Some(value) => number(value),
+            None if self.gold => "standard".to_owned(),
+            None => "-".to_owned(),
+        }
+    }
+}
+
 /// A cell of comma-separated values.
 pub fn quoted(text: &str) -> String {
     match text.contains([',', '"', '\n']) {
@@ -286,10 +295,10 @@ pub fn quoted(text: &str) -> String {
     }
 }
 
-/// Three digits, with a power of ten where the number is small or large.
+/// Three digits, with a power of ten where the number is small or large; counts whole, their thousands apart.
 pub fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
+    if value.fract() == 0.0 && value.abs() < 1e12 {
+        return whole(value);
     }
     let exponent = value.abs().log10().floor();
     if (-3.0..6.0).contains(&exponent) {
@@ -298,4 +307,21 @@ pub fn number(value: f64) -> String {
     } else {
         format!("{value:.1e}")
     }
+}
+
+/// A whole number, in groups of three digits from 10,000 on.
+fn whole(value: f64) -> String {
+    let digits = format!("{:.0}", value.abs());
+    let sign = if value < 0.0 { "-" } else { "" };
+    if digits.len() < 5 {
+        return format!("{sign}{digits}");
+    }
+    let mut text = sign.to_owned();
+    for (at, digit) in digits.chars().enumerate() {
+        if at > 0 && (digits.len() - at).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
 }

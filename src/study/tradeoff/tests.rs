@@ -43,7 +43,8 @@ fn row(table: &mut Table, choices: [&str; 3], values: [Option<f64>; 3], flag: Op
 
 /// Four ways at one size, one of them wrong, and two at another.
 fn table() -> Table {
-    let mut table = Table::new("ways", "Ways", &FACTORS, &AXES);
+    let goal = Goal::new("ms", "error", (0.1, "nobody sees it")).each(&["size"]);
+    let mut table = Table::new("ways", "Ways", &FACTORS, &AXES).seeking(goal);
     row(&mut table, ["10", "slow", "a"], [Some(10.0), Some(1e-12), None], None);
     row(&mut table, ["10", "fast", "a"], [Some(1.0), Some(1e-3), None], None);
     row(&mut table, ["10", "worse", "b"], [Some(2.0), Some(1e-2), None], None);
@@ -60,13 +61,13 @@ fn table() -> Table {
         [Some(50.0), Some(f64::NAN), None],
         None,
     );
-    table.mark_front("ms", "error", "size");
     table
 }
 
 fn study() -> Study {
     Study {
         name: "tradeoff-test",
+        title: "Made up",
         about: vec![("nodes", "10, 20".to_owned())],
         machine: Machine::here(),
         tables: vec![table()],
@@ -75,7 +76,6 @@ fn study() -> Study {
                 marker: vec!["on"],
                 only: vec![("size", "10".to_owned())],
                 joined: false,
-                front: true,
                 ..Figure::new("cost", "What it costs", "ways", ["ms", "error"], "way")
             },
             Figure {
@@ -90,8 +90,19 @@ fn study() -> Study {
 
 #[test]
 fn the_best_are_found_within_each_group_and_broken_promises_are_none() {
-    let best: Vec<bool> = table().rows.iter().map(|row| row.best).collect();
-    assert_eq!(best, [true, true, false, false, true, false]);
+    let mut table = table();
+    assert_eq!(table.best(), [true, true, false, false, true, false]);
+    // The gold standard errs by nothing, whatever it costs.
+    row(&mut table, ["10", "finest", "a"], [Some(9.0), None, None], None);
+    table.mark_gold("way", "finest");
+    assert_eq!(table.best(), [false, true, false, false, true, false, true]);
+    assert_eq!(
+        table.meaning_of_best(),
+        "best: no other row with the same size has both less \"ms\" and less \"err\""
+    );
+    // Where there is nothing to choose, nothing is best.
+    table.goal = None;
+    assert!(!table.best().contains(&true) && table.meaning_of_best().is_empty());
 }
 
 #[test]
@@ -138,10 +149,10 @@ fn text_json_and_csv_say_the_same() {
     );
     let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(&records[3][1], "wrong, \"x\"");
-    for (record, row) in records.iter().zip(&table.rows) {
+    for ((record, row), best) in records.iter().zip(&table.rows).zip(table.best()) {
         assert_eq!(record[3].parse::<f64>().ok(), row.values[0]);
         assert_eq!(record[4].parse::<f64>().ok(), row.values[1]);
-        assert_eq!(&record[6], row.best.to_string());
+        assert_eq!(&record[6], best.to_string());
     }
 }
 
@@ -157,7 +168,7 @@ fn figures_take_their_rows_and_leave_out_what_has_none() {
     assert_eq!(plot.series[2].marker, Marker::nth(1));
     assert_eq!(
         plot.front,
-        [[1.0, 1e-3], [10.0, 1e-12]],
+        [[[1.0, 1e-3], [10.0, 1e-12]]],
         "the flagged point is none of the best"
     );
     plot.svg().unwrap();
@@ -167,7 +178,10 @@ fn figures_take_their_rows_and_leave_out_what_has_none() {
 fn files_are_written_whole_and_the_same_each_time() {
     let folder = tempfile::tempdir().unwrap();
     let files = study().write(folder.path()).unwrap();
-    assert_eq!(files, ["ways.csv", "tradeoff-test.json", "cost.svg", "cost.png"]);
+    assert_eq!(
+        files,
+        ["ways.csv", "tradeoff-test.json", "cost.svg", "cost.png", "index.html"]
+    );
     let read = || {
         files
             .iter()

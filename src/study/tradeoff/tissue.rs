@@ -242,7 +242,6 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
             table.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
         }
     }
-    table.mark_front("total_ms", "error", "steps");
 
     next("the finest model");
     let finest = truth(&subject, Model::Viscous(Memory::Rate), 4 * most, true)?;
@@ -290,7 +289,6 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
             models.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
         }
     }
-    models.mark_front("total_ms", "error_force", "steps");
     progress("done", 1.0);
     Ok(finish(options, &subject, vec![table, models]))
 }
@@ -345,6 +343,7 @@ fn finish(options: &TissueOptions, subject: &Subject, tables: Vec<Table>) -> Stu
     };
     Study {
         name: "tissue",
+        title: ENTRY.title,
         about: vec![
             ("nodes", nodes.to_string()),
             ("elements", elements.to_string()),

@@ -28,7 +28,7 @@ impl Report {
             "Each case is something that breaks numerics, with a criterion from theory. Shown is the figure nearest to its limit; the \
              margin is how many times larger it might be. NaN and infinity never hold, and what must be refused fails if it is not.",
         );
-        page.figure(
+        page.wide_figure(
             &self.plot(),
             "How many times larger each figure might be before its case fails",
         );

@@ -7,7 +7,7 @@ use super::{FINE_MM, apart, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam};
 use crate::study::beam::{TISSUES, problem};
 use crate::study::spread::Spread;
-use crate::study::tradeoff::{Beat, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const ELEMENTS_MM: [f64; 5] = [5.0, 2.0, 1.0, 0.5, FINE_MM];
 /// Solutions that are timed.
@@ -28,8 +28,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
         .seeking(
             Goal::new("median_ms", "error_mm", SHIFT_MM)
                 .over(&["case"])
-                .choosing("elements of a beam")
-                .in_every(Beat::Step, "p95_ms")
+                .choosing("elements of a beam by itself in tissue (insonify beam)")
                 .beside(&["p95_ms"]),
         );
     let base = Base {
@@ -71,7 +70,6 @@ pub(super) fn table() -> Result<Table, BeamError> {
         }
     }
     table.mark_gold("element_mm", &format!("{FINE_MM} mm"));
-    table.mark_front("median_ms", "error_mm", "case");
     Ok(table)
 }
 

@@ -71,7 +71,7 @@ pub(super) fn term() -> Result<Table, BeamError> {
         axis("error_mm", "error mm", "largest error of the deflection, mm", true),
     ];
     let factors = [
-        factor("friction", "gamma"),
+        factor("friction", "friction gamma"),
         factor("tissue", "tissue"),
         factor("slope", "slope"),
         factor("term", "friction term"),

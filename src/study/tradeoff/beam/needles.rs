@@ -10,7 +10,7 @@ use crate::mechanics::needle::{
     Cantilever, CentreLine, InvalidNeedleModel, Load, Needle, Row, Shaft, Springs, Stiffness,
 };
 use crate::study::spread::Spread;
-use crate::study::tradeoff::{Beat, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 /// Elements of the needle that counts as the truth, mm.
@@ -46,8 +46,8 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
         .against(format!("a beam in elements of {FINE_MM} mm"))
         .seeking(
             Goal::new("median_ms", "error_mm", SHIFT_MM)
-                .choosing("needle in an insertion")
-                .in_every(Beat::Step, "p95_ms")
+                .choosing("springs or a beam as the model of a needle, at one length of its pieces")
+                .each(&["length"])
                 .beside(&["p95_ms"]),
         );
     let beam = |length| Cantilever::new(Shaft::default(), Stiffness::default(), length, None);
@@ -74,7 +74,6 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
             table.push(vec![name.to_owned(), format!("{length} mm")], values, None);
         }
     }
-    table.mark_front("median_ms", "error_mm", "model");
     Ok(table)
 }
 
@@ -122,7 +121,6 @@ pub(super) fn figures() -> Vec<Figure> {
     vec![Figure {
         marker: vec!["length"],
         joined: false,
-        front: true,
         ..Figure::new(
             "beam-needles",
             "Springs and beam: what accuracy costs",

@@ -127,7 +127,6 @@ impl Report {
     }
 
     pub(super) fn finish(mut self) -> Study {
-        self.table.mark_front("total_ms", "error", "lengths");
         if let Some((steps, full)) = self.full {
             for (name, count, fast) in &self.fast {
                 if *count == steps {
@@ -139,9 +138,8 @@ impl Report {
                 }
             }
         }
-        let figure = |file: &str, title: &str, x: &'static str, y: &'static str, front: bool| Figure {
+        let figure = |file: &str, title: &str, x: &'static str, y: &'static str| Figure {
             marker: vec!["lengths"],
-            front,
             ..Figure::new(file, title, "history", [x, y], "rule")
         };
         let equal = |figure: Figure| Figure {
@@ -151,6 +149,7 @@ impl Report {
         };
         Study {
             name: "history",
+            title: super::ENTRY.title,
             about: self.about,
             machine: Machine::here(),
             tables: vec![self.table],
@@ -159,22 +158,19 @@ impl Report {
                     "history-error-time",
                     "Error against time, equal steps",
                     "total_ms",
-                    "error",
-                    true,
+                    "error_mm",
                 )),
                 equal(figure(
                     "history-error-memory",
                     "Error against memory, equal steps",
                     "memory_kb",
                     "error",
-                    false,
                 )),
                 figure(
                     "history-step",
                     "Time of a step against the length of the history",
                     "steps",
                     "step_us",
-                    false,
                 ),
             ],
             notes: self.notes,

@@ -63,7 +63,6 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
             }
         }
     }
-    table.mark_front("median_ms", "rms_grey", "content");
     Ok(vec![table])
 }
 
@@ -119,7 +118,6 @@ pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
             standard.get_or_insert(found.pixels);
         }
     }
-    table.mark_front("median_ms", "rms_grey", "grid");
     Ok(vec![table])
 }
 

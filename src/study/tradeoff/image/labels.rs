@@ -135,6 +135,5 @@ pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>,
             coarser = Some(apart);
         }
     }
-    table.mark_front("median_ms", "boundary_mm", "voxel");
     Ok(vec![table])
 }

@@ -91,6 +91,5 @@ pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
             coarser = Some(apart);
         }
     }
-    table.mark_front("median_ms", "rms_grey", "effect");
     Ok(vec![table])
 }

@@ -79,7 +79,6 @@ pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str;
     Figure {
         joined: false,
         marked: true,
-        front: true,
         ..lines(file, title, table, axes, colour)
     }
 }

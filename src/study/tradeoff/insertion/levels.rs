@@ -9,6 +9,7 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::block;
+use crate::study::tradeoff::remesh::FROZEN;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// The first is what the others are compared with.
@@ -33,22 +34,22 @@ const FACTORS: [Factor; 2] = [factor("level", "level"), factor("probe", "probe")
 const DIFFERENCES: [Axis; 4] = [
     Axis::log(
         "force_before_n",
-        "dF before, N",
+        "force before, N",
         "difference of the force at the base before the probe moves (root mean square), N",
     ),
     Axis::log(
         "force_after_n",
-        "dF after, N",
+        "force after, N",
         "difference of the force at the base once the probe moves (root mean square), N",
     ),
     Axis::log(
         "tip_before_mm",
-        "dtip before, mm",
+        "tip before, mm",
         "difference of the tip before the probe moves (root mean square), mm",
     ),
     Axis::log(
         "tip_after_mm",
-        "dtip after, mm",
+        "tip after, mm",
         "difference of the tip once the probe moves (root mean square), mm",
     ),
 ];
@@ -64,7 +65,7 @@ const TRACE: [Axis; 6] = [
     ),
     Axis::log(
         "force_difference_n",
-        "dF N",
+        "force off, N",
         "difference of the force at the base from level I, N",
     ),
     Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
@@ -83,6 +84,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         Goal::new("remesh_median_ms", "tip_after_mm", SHIFT_MM)
             .over(&["probe"])
             .choosing("level of remeshing along an insertion")
+            .baseline("level", "IV", FROZEN)
             .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["median_ms", "max_ms", "force_after_n"]),
     );

@@ -32,28 +32,36 @@ const SPRINGS: &str = "masses and springs";
 
 const FACTORS: [Factor; 3] = [
     factor("model", "model"),
-    factor("poisson", "nu"),
+    factor("poisson", "Poisson's ratio"),
     factor("spacing_mm", "spacing, mm"),
 ];
 
 const AXES: [Axis; 5] = [
     Axis::linear(
         "tissue_percent",
-        "du, %",
+        "tissue off, %",
         "difference of displacements (root mean square), %",
     ),
-    Axis::log("tissue_mm", "du, mm", "largest difference of displacements there, mm"),
+    Axis::log(
+        "tissue_mm",
+        "tissue off, mm",
+        "largest difference of displacements there, mm",
+    ),
     Axis::log(
         "back_percent",
-        "du back, %",
+        "tissue off back, %",
         "the same with the needle drawn half way back (root mean square), %",
     ),
     Axis::log(
         "force_rms_n",
-        "dF, N",
+        "force off, N",
         "difference of the force at the base (root mean square), N",
     ),
-    Axis::log("force_n", "dF max, N", "largest difference of the force at the base, N"),
+    Axis::log(
+        "force_n",
+        "force off at most, N",
+        "largest difference of the force at the base, N",
+    ),
 ];
 
 /// Tissue from z = 0 on.
@@ -199,7 +207,7 @@ fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
 
 fn springs(grid: [usize; 2]) -> Result<Contender, InsertionStudyError> {
     let parameters = parameters(grid);
-    let choices = choices(SPRINGS, "-", &parameters);
+    let choices = choices(SPRINGS, "no ratio to choose", &parameters);
     let model = Box::new(mass_spring(parameters)?);
     Ok(Contender::new(choices, &cylinder(parameters)?, model))
 }

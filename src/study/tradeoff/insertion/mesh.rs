@@ -13,18 +13,22 @@ const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 const FACTORS: [Factor; 1] = [factor("nodes", "nodes")];
 
 const AXES: [Axis; 4] = [
-    Axis::log("elements", "elements", "elements"),
+    Axis::log("elements", "elements", "elements of the mesh"),
     Axis::log(
         "force_rms_n",
-        "dF, N",
+        "force off, N",
         "difference of the force at the base on the way in (root mean square), N",
     ),
     Axis::log(
         "force_n",
-        "dF max, N",
+        "force off at most, N",
         "largest difference of the force at the base on the way in, N",
     ),
-    Axis::log("tip_mm", "dtip, mm", "largest difference of the tip on the way in, mm"),
+    Axis::log(
+        "tip_mm",
+        "tip off, mm",
+        "largest difference of the tip on the way in, mm",
+    ),
 ];
 
 pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {

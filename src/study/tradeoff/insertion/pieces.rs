@@ -23,7 +23,7 @@ pub(super) struct Pieces {
 /// Links joined by angular springs.
 pub(super) const LINKS: Pieces = Pieces {
     name: "links",
-    length: factor("link_mm", "link, mm"),
+    length: factor("link_mm", "links of, mm"),
     lengths_mm: &[20.0, 10.0, 5.0, 2.5, 1.25],
     choosing: "links of the needle",
     figure: ["insertion-links", "Links of the needle: what accuracy costs"],
@@ -33,7 +33,7 @@ pub(super) const LINKS: Pieces = Pieces {
 /// Elements of a beam.
 pub(super) const ELEMENTS: Pieces = Pieces {
     name: "elements",
-    length: factor("element_mm", "element, mm"),
+    length: factor("element_mm", "elements of, mm"),
     lengths_mm: &[20.0, 10.0, 5.0, 2.5],
     choosing: "elements of a beam in an insertion",
     figure: ["insertion-elements", "Elements of a beam needle: what accuracy costs"],
@@ -48,16 +48,20 @@ pub(super) fn run(
     let finest = pieces.lengths_mm[pieces.lengths_mm.len() - 1];
     let (name, key) = (pieces.name, pieces.length.key);
     let axes = [
-        Axis::linear("pieces", name, name),
+        Axis::linear("pieces", "pieces", "pieces of the whole needle"),
         Axis::linear(
             "deflection_mm",
             "aside mm",
             "tip beside the straight path at full depth, mm",
         ),
-        Axis::log("tip_mm", "dtip, mm", "largest difference of the tip on the way in, mm"),
+        Axis::log(
+            "tip_mm",
+            "tip off, mm",
+            "largest difference of the tip on the way in, mm",
+        ),
         Axis::log(
             "force_n",
-            "dF base, N",
+            "force off, N",
             "largest difference of the force at the base on the way in, N",
         ),
     ];

@@ -11,22 +11,31 @@ use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 /// Rings of candidates of which one is kept; the first has all.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
 
-const FACTORS: [Factor; 1] = [factor("every", "every n-th")];
+const FACTORS: [Factor; 1] = [factor("every", "rings kept")];
 
 const AXES: [Axis; 4] = [
     Axis::linear("candidates", "candidates", "candidates of the probe"),
     Axis::log(
         "probe_percent",
-        "dF probe, %",
+        "probe off, %",
         "largest difference of the force on the probe, % of the largest",
     ),
     Axis::log(
         "force_n",
-        "dF base, N",
+        "force off, N",
         "largest difference of the force at the base, N",
     ),
-    Axis::log("tip_mm", "dtip, mm", "largest difference of the tip, mm"),
+    Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
 ];
+
+fn kept(every: usize) -> String {
+    match every {
+        1 => "all".to_owned(),
+        2 => "every 2nd".to_owned(),
+        3 => "every 3rd".to_owned(),
+        _ => format!("every {every}th"),
+    }
+}
 
 pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
     let mut table = Table::new(
@@ -38,7 +47,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     .against("every candidate kept")
     .seeking(
         Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
-            .choosing("candidates of the probe")
+            .choosing("rings of the probe's candidates that are kept")
             .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
     );
@@ -74,9 +83,9 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
             most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
         ];
         let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
-        table.push(vec![every.to_string()], values, None);
+        table.push(vec![kept(every)], values, None);
     }
-    table.mark_gold("every", &EVERY[0].to_string());
+    table.mark_gold("every", &kept(EVERY[0]));
     let figure = points(
         "insertion-thinning",
         "Thinning the probe's candidates",

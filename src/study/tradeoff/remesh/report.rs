@@ -2,7 +2,7 @@
 
 use super::contender::{Kind, Promise};
 use super::subject::Subject;
-use super::{Measured, RemeshOptions, StudyError, bandwidth};
+use super::{FROZEN, Measured, RemeshOptions, StudyError, bandwidth};
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::machine::Machine;
@@ -28,10 +28,14 @@ const FACTORS: [Factor; 4] = [
     },
 ];
 
-const ERROR_CONDENSED: Axis = Axis::log("error_condensed", "err K^c", "relative error of K^c");
+const ERROR_CONDENSED: Axis = Axis::log(
+    "error_condensed",
+    "err K^c",
+    "relative error of K^c, the compliance at the contacts",
+);
 
 const AXES: [Axis; 17] = [
-    Axis::log("dofs", "dofs", "free degrees of freedom"),
+    Axis::log("dofs", "unknowns", "free degrees of freedom"),
     Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
     Axis::log(
         "p95_ms",
@@ -43,16 +47,28 @@ const AXES: [Axis; 17] = [
         "ready ms",
         "time to get ready, the inverse included where one is needed, ms",
     ),
-    Axis::log("held_mb", "held MB", "memory held, MB"),
+    Axis::log("held_mb", "holds MB", "memory held, MB"),
     Axis::log(
         "device_ms",
         "device ms",
         "time of the update on the device (median), ms",
     ),
-    Axis::log("moved_mb", "MB", "read and written by an update, MB"),
-    Axis::log("bandwidth_gb_s", "GB/s", "read and written, GB/s"),
-    Axis::linear("copy_share_percent", "% of copy", "share of the bandwidth of a copy, %"),
-    Axis::log("error_inverse", "err K^-1", "relative error of sampled columns of K^-1"),
+    Axis::log("moved_mb", "moves MB", "bytes read and written by an update, MB"),
+    Axis::log(
+        "bandwidth_gb_s",
+        "GB/s",
+        "bytes read and written over the time of an update, GB/s",
+    ),
+    Axis::linear(
+        "copy_share_percent",
+        "of a copy, %",
+        "bandwidth as a share of that of a plain copy, %",
+    ),
+    Axis::log(
+        "error_inverse",
+        "err K^-1",
+        "relative error of sampled columns of the inverse stiffness",
+    ),
     ERROR_CONDENSED,
     Axis::log(
         "error_solution",
@@ -64,10 +80,18 @@ const AXES: [Axis; 17] = [
         "err mm",
         "largest error of displacements where 1 N presses on the contacts, mm",
     ),
-    Axis::log("residual", "residual", "largest |K X e - e|"),
-    Axis::log("error_drift", "err K^c, end", "relative error of K^c after all updates"),
+    Axis::log(
+        "residual",
+        "residual",
+        "largest residual |K X e - e| of sampled columns e, X being the inverse",
+    ),
+    Axis::log(
+        "error_drift",
+        "err K^c at last",
+        "relative error of the compliance at the contacts after all updates",
+    ),
     Axis::linear("updates", "updates", "updates"),
-    Axis::linear("rebuilds", "rebuilds", "computed anew, times"),
+    Axis::linear("rebuilds", "rebuilds", "times that everything was computed anew"),
 ];
 
 const GOLD: &str = "the moved mesh factored anew, solutions refined";
@@ -121,6 +145,7 @@ impl Report {
         Ok(Report {
             study: Study {
                 name: "tradeoff-remesh",
+                title: super::ENTRY.title,
                 about,
                 machine: Machine::here(),
                 tables: Vec::new(),
@@ -136,13 +161,20 @@ impl Report {
             .against(GOLD)
             .seeking(
                 Goal::new("median_ms", "error_mm", SHIFT_MM)
-                    .choosing("level of remeshing")
+                    .choosing("level of remeshing by itself")
+                    .baseline("level", "IV", FROZEN)
                     .in_every(Beat::Step, "p95_ms")
                     .each(&["nodes"])
                     .beside(&["p95_ms", "prepare_ms", "held_mb"]),
             ),
             switching: None,
-            drift: Table::new("drift", "Error of K^c after so many updates", &FACTORS, &DRIFT).against(GOLD),
+            drift: Table::new(
+                "drift",
+                "Error of the compliance at the contacts, K^c, after so many updates",
+                &FACTORS,
+                &DRIFT,
+            )
+            .against(GOLD),
             copy_cpu,
             copy_gpus,
         })
@@ -205,7 +237,6 @@ impl Report {
     }
 
     pub fn finish(mut self) -> Study {
-        self.remesh.mark_front("median_ms", "error_condensed", "nodes");
         self.study.tables = [self.remesh, self.drift].into_iter().chain(self.switching).collect();
         self.study
     }
@@ -229,7 +260,6 @@ fn figures(subjects: &[Subject]) -> Vec<Figure> {
             only: only.clone(),
             joined: false,
             marked: true,
-            front: true,
             ..figure(
                 &format!("remesh-error-time{several}"),
                 format!("Remeshing {nodes} nodes: what accuracy costs"),

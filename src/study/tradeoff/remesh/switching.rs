@@ -95,7 +95,6 @@ pub(super) fn table(subject: &Subject) -> Result<Table, StudyError> {
         }
     }
     table.mark_gold("way", FACTORED);
-    table.mark_front("median_ms", "error_n", "contacts");
     Ok(table)
 }
 

@@ -108,13 +108,15 @@ impl Section {
             .chain(std::iter::repeat_n("---:|", self.axes.len()))
             .collect();
         let mut text = format!("| {} |\n|{rule}---|\n", headings.join(" | "));
-        for row in &self.rows {
-            let values = row.values.iter().map(|value| value.map_or("-".to_owned(), number));
-            let tags: Vec<String> = Section::tags(row).into_iter().map(|(_, tag)| tag).collect();
+        for (row, best) in self.judged() {
+            let values = (0..self.axes.len()).map(|at| row.figure(at));
+            let tags: Vec<String> = Section::tags((row, best)).into_iter().map(|(_, tag)| tag).collect();
             let cells = row.choices.iter().cloned().chain(values).chain([tags.join(", ")]);
             let cells: Vec<String> = cells.map(|cell| cell.replace('|', "\\|").replace('\n', " ")).collect();
             let _ = writeln!(text, "| {} |", cells.join(" | "));
         }
+        let all: Vec<usize> = (0..self.axes.len()).collect();
+        let _ = write!(text, "\n{}\n", self.legend(&all).replace('|', "\\|"));
         text
     }
 }

@@ -1,9 +1,13 @@
 //! The report as one page.
 
+use std::time::Duration;
+
 use super::{Chapter, Column, Report, Section};
+use crate::study::machine;
 use crate::study::page::{Cell, Page, escape};
 use crate::study::plot::PlotError;
 use crate::study::tradeoff::render::number;
+use crate::study::tradeoff::{Pace, Study};
 
 /// Most rows of a table that stand there at once.
 const ROWS: usize = 40;
@@ -111,6 +115,25 @@ impl Report {
     }
 }
 
+impl Study {
+    /// The study as one HTML document that asks for nothing from elsewhere.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn page(&self) -> Result<String, PlotError> {
+        let mut page = Page::new(self.title);
+        let (version, date) = (env!("CARGO_PKG_VERSION"), machine::today());
+        let text = format!(
+            "Measured by insonify {version} on {date} ({}). Times are this machine's.",
+            self.machine
+        );
+        page.paragraph("soft", &text);
+        let chapter = Chapter::of(self.name, "", self, &Pace::default(), Duration::ZERO);
+        chapter.body(&mut page)?;
+        Ok(page.finish())
+    }
+}
+
 impl Chapter {
     fn show(&self, page: &mut Page) -> Result<(), PlotError> {
         page.put(format_args!(
@@ -119,6 +142,16 @@ impl Chapter {
             escape(&self.title)
         ));
         page.paragraph("", &self.question);
+        self.body(page)?;
+        page.put(format_args!(
+            "<p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
+            escape(&self.name)
+        ));
+        Ok(())
+    }
+
+    /// Tables, plots, notes and settings.
+    fn body(&self, page: &mut Page) -> Result<(), PlotError> {
         for section in &self.sections {
             section.show(page);
             self.figures(page, Some(section))?;
@@ -132,16 +165,13 @@ impl Chapter {
             let cells = [key.replace('_', " "), value.clone()];
             ("", cells.map(Cell::Text).to_vec())
         });
-        let took = vec![
-            Cell::Text("measured in".to_owned()),
-            Cell::Text(format!("{:.1} s", self.seconds)),
-        ];
+        let took = (self.seconds > 0.0).then(|| {
+            let words = ["measured in".to_owned(), format!("{:.1} s", self.seconds)];
+            ("", words.map(Cell::Text).to_vec())
+        });
         let headings = ["what", "here"].map(|it| Cell::Text(it.to_owned()));
-        page.table(&headings, &rows.chain([("", took)]).collect::<Vec<_>>());
-        page.put(format_args!(
-            "</details><p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
-            escape(&self.name)
-        ));
+        page.table(&headings, &rows.chain(took).collect::<Vec<_>>());
+        page.put("</details>");
         Ok(())
     }
 
@@ -184,18 +214,20 @@ impl Section {
 
     fn rows(&self, page: &mut Page, axes: &[usize]) {
         let text = |column: &Column| Cell::Text(column.heading.clone());
-        let number_of = |at: &usize| Cell::Number(self.axes[*at].heading.clone());
+        let number_of = |at: &usize| Cell::Explained(self.axes[*at].heading.clone(), self.axes[*at].label.clone());
         let headings = self.factors.iter().map(text).chain(axes.iter().map(number_of));
         let headings: Vec<Cell> = headings.chain([Cell::Text(String::new())]).collect();
-        let rows = self.rows.iter().map(|row| {
+        let rows = self.judged().map(|(row, best)| {
             let choices = row.choices.iter().cloned().map(Cell::Text);
-            let values = axes
-                .iter()
-                .map(|at| Cell::Number(row.values[*at].map_or("\u{2013}".to_owned(), number)));
+            let values = axes.iter().map(|at| Cell::Number(row.figure(*at)));
             let class = if row.flag.is_some() { "wrong" } else { "" };
-            let tags = Cell::Tags(Section::tags(row));
+            let tags = Cell::Tags(Section::tags((row, best)));
             (class, choices.chain(values).chain([tags]).collect::<Vec<_>>())
         });
         page.table(&headings, &rows.collect::<Vec<_>>());
+        match self.legend(axes) {
+            none if none.is_empty() => {}
+            legend => page.paragraph("soft", &legend),
+        }
     }
 }

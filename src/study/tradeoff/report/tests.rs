@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::gather::{Means, STUDIES, gather};
+use crate::study::tradeoff::gather::{Entry, Means, STUDIES, gather};
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, InTime, Pace};
 
 const FACTORS: [Factor; 1] = [Factor {
@@ -27,7 +27,6 @@ fn study(off: f64) -> Study {
         table.push(vec![way.to_owned()], vec![Some(ms), Some(1.5 * ms), error, None], flag);
     }
     table.mark_gold("way", "exact");
-    table.mark_front("ms", "error_mm", "way");
     let mut trace = Table::trace("trace", "Along the way", &FACTORS, &AXES);
     for at in 1..10 {
         trace.push(
@@ -38,11 +37,11 @@ fn study(off: f64) -> Study {
     }
     let figure = |file: &str, table| Figure {
         joined: false,
-        front: true,
         ..Figure::new(file, format!("Figure {file}"), table, ["ms", "error_mm"], "way")
     };
     Study {
         name: "tradeoff-made-up",
+        title: "Made up",
         about: vec![("nodes_of_it", "10".to_owned())],
         machine: Machine::here(),
         tables: vec![table, trace],
