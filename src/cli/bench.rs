@@ -32,7 +32,7 @@ Without a GPU it says so and measures the CPU's part. Without a scene it takes o
 Examples:
   insonify bench                               the default scene on every backend
   insonify bench scene.toml --backend cpu --frames 20
-  insonify bench --compare -o report           everything above, with tables (CSV, JSON) and plots: two minutes
+  insonify bench --compare -o report           everything above, with a page, tables (CSV, JSON) and plots: some minutes
   insonify bench --compare scene.toml --json";
 
 /// Times frames and passes on each backend that the machine has, and as effects are taken away; GPU against CPU with --compare
@@ -55,7 +55,7 @@ pub struct Bench {
     /// Compare GPU and CPU over sizes, passes and solvers, and effects alone and in company
     #[arg(long, conflicts_with = "frames")]
     compare: bool,
-    /// Folder for the tables and plots of --compare; made if it is not there
+    /// Folder for index.html, the tables and plots of --compare; made if it is not there
     #[arg(short, long, value_name = "DIR", requires = "compare")]
     output: Option<PathBuf>,
 }

@@ -11,7 +11,7 @@ use super::terminal;
 /// Where a study goes to.
 #[derive(Args)]
 pub struct Printed {
-    /// Folder for tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    /// Folder for index.html, tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Print one JSON object to standard output

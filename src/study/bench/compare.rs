@@ -73,7 +73,7 @@ pub struct CompareOptions {
 }
 
 impl CompareOptions {
-    /// Under two minutes with software Vulkan on two cores.
+    /// Some minutes with software Vulkan on two cores.
     pub fn usual(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],

@@ -7,6 +7,7 @@
 //! | `image_labels` | label of the nearest voxel or voted, voxel size | closed-form boundaries |
 //! | `image_sampling` | samples down a shadow, scanlines across a blur | the finest of them |
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
+//! | `image_lookup` | nearest voxel, trilinear look-up of a texture by itself | trilinear in double precision |
 //! | `image_grain` | no grain, additive noise, fully developed speckle | Rayleigh statistics, the lengths asked for |
 //! | `image_location` | walk, grid, exhaustive search for the element of a sample | exhaustive search |
 //!
@@ -18,6 +19,7 @@ mod grain;
 mod grid;
 mod labels;
 mod location;
+mod lookup;
 mod sampling;
 mod scene;
 #[cfg(test)]

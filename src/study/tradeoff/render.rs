@@ -277,9 +277,10 @@ fn axis(axis: &Axis) -> plot::Axis {
 }
 
 impl Row {
-    /// A value in words: a gold standard is off by nothing that could be measured.
+    /// A value in words: counts whole; a gold standard is off by nothing that could be measured.
     pub(super) fn figure(&self, at: usize) -> String {
         match self.values[at] {
+            Some(value) if value.fract() == 0.0 && value.abs() < 1e12 => whole(value),
             Some(value) => number(value),
             None if self.gold => "standard".to_owned(),
             None => "-".to_owned(),
@@ -295,10 +296,10 @@ pub fn quoted(text: &str) -> String {
     }
 }
 
-/// Three digits, with a power of ten where the number is small or large; counts whole, their thousands apart.
+/// Three digits, with a power of ten where the number is small or large.
 pub fn number(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e12 {
-        return whole(value);
+    if value == 0.0 {
+        return "0".to_owned();
     }
     let exponent = value.abs().log10().floor();
     if (-3.0..6.0).contains(&exponent) {

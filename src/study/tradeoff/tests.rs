@@ -123,7 +123,7 @@ fn text_json_and_csv_say_the_same() {
     );
     let lines: Vec<&str> = text.lines().filter(|line| line.contains("slow")).collect();
     assert!(
-        lines[0].starts_with('*') && lines[0].contains("10.0") && lines[0].contains("1.0e-12"),
+        lines[0].starts_with('*') && lines[0].contains("10  ") && lines[0].contains("1.0e-12"),
         "{text}"
     );
     assert!(
@@ -172,6 +172,40 @@ fn figures_take_their_rows_and_leave_out_what_has_none() {
         "the flagged point is none of the best"
     );
     plot.svg().unwrap();
+}
+
+#[test]
+fn counts_are_whole_and_a_standard_is_no_gap() {
+    let mut table = table();
+    row(
+        &mut table,
+        ["10", "finest", "a"],
+        [Some(13_107_200.0), None, Some(60.0)],
+        None,
+    );
+    table.mark_gold("way", "finest");
+    let last = &table.rows[6];
+    assert_eq!(
+        [0, 1, 2].map(|at| last.figure(at)),
+        ["13,107,200", "standard", "60"].map(str::to_owned)
+    );
+    assert_eq!(table.rows[5].figure(1), "-");
+    assert_eq!(
+        [-12_345.0, 999.0, 1234.0, 0.0].map(|it| Row {
+            values: vec![Some(it)],
+            ..last.clone()
+        }
+        .figure(0)),
+        ["-12,345", "999", "1234", "0"]
+    );
+}
+
+#[test]
+fn a_bare_number_is_named_by_its_factor() {
+    let factor = |label| Factor { key: "key", label };
+    assert_eq!(factor("spacing, mm").name("5.0"), "spacing 5.0 mm");
+    assert_eq!(factor("nodes").name("150"), "nodes: 150");
+    assert_eq!(factor("link, mm").name("none"), "none");
 }
 
 #[test]

@@ -113,9 +113,23 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
             "p95 ms",
             "a frame with everything but it (95 of 100), ms",
         ),
-        Axis::linear("saved_ms", "saves ms", "what leaving it out saves, ms"),
+        Axis::log(
+            "whole_ms",
+            "with ms",
+            "a frame with everything, in turn with one without it (median), ms",
+        ),
+        Axis::linear(
+            "saved_ms",
+            "saves ms",
+            "what leaving it out saves: with less without, ms",
+        ),
         Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms"),
-        Axis::linear("adds_ms", "adds ms", "what it adds to slicing alone, ms"),
+        Axis::log(
+            "bare_ms",
+            "slicing ms",
+            "slicing alone, in turn with slicing and it (median), ms",
+        ),
+        Axis::linear("adds_ms", "adds ms", "what it adds to slicing: alone less slicing, ms"),
         Axis::log("without_mb", "without MB", "working memory with everything but it, MB"),
         Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB"),
     ];
@@ -126,35 +140,52 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
         let ready = |keep: &dyn Fn(&Removal) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
         let (mut all, mut none) = (ready(&|_| true)?, ready(&|_| false)?);
         let [whole, bare] = in_turn(&mut all, &mut none, options.patience)?;
-        let mut push =
-            |what: &str, time: Option<Spread>, saved: Option<f64>, alone: [Option<f64>; 2], mb: [Option<f64>; 2]| {
-                let values = vec![
-                    time.map(|time| time.median_ms),
-                    time.map(|time| time.p95_ms),
-                    saved,
-                    alone[0],
-                    alone[1],
-                    mb[0],
-                    mb[1],
-                ];
-                table.push(vec![name.clone(), what.to_owned()], values, None);
-            };
-        push("(everything)", whole, None, [None; 2], [Some(all.megabytes()), None]);
+        let mut push = |what: &str,
+                        time: Option<Spread>,
+                        company: [Option<Spread>; 2],
+                        alone: [Option<Spread>; 2],
+                        mb: [Option<f64>; 2]| {
+            let median = |time: Option<Spread>| time.map(|time| time.median_ms);
+            let values = vec![
+                median(time),
+                time.map(|time| time.p95_ms),
+                median(company[0]),
+                longer(company),
+                median(alone[0]),
+                median(alone[1]),
+                longer(alone),
+                mb[0],
+                mb[1],
+            ];
+            table.push(vec![name.clone(), what.to_owned()], values, None);
+        };
+        push(
+            "(everything)",
+            whole,
+            [None; 2],
+            [None; 2],
+            [Some(all.megabytes()), None],
+        );
         for removal in &present {
             let mut but = ready(&|other| other.effect != removal.effect)?;
             let company = in_turn(&mut all, &mut but, options.patience)?;
             let mut only = ready(&|other| other.effect == removal.effect)?;
             let alone = in_turn(&mut only, &mut none, options.patience)?;
-            let alone_ms = alone[0].map(|time| time.median_ms);
             push(
                 removal.effect,
                 company[1],
-                longer(company),
-                [alone_ms, longer(alone)],
+                company,
+                alone,
                 [Some(but.megabytes()), Some(only.megabytes())],
             );
         }
-        push("(slicing alone)", bare, None, [None; 2], [Some(none.megabytes()), None]);
+        push(
+            "(slicing alone)",
+            bare,
+            [None; 2],
+            [None; 2],
+            [Some(none.megabytes()), None],
+        );
     }
     Ok(table)
 }

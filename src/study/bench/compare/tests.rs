@@ -67,7 +67,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
     );
     assert_eq!(
         measured(&rows[0].values),
-        [true, true, false, false, false, true, false],
+        [true, true, false, false, false, false, false, true, false],
         "everything has nothing to be compared with"
     );
     let memory = table("compare_memory");

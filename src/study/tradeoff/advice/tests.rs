@@ -62,6 +62,27 @@ fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
 }
 
 #[test]
+fn a_baseline_is_never_advised() {
+    let mut table = usual();
+    let baseline = |table: &mut Table, choice| {
+        table.goal = table
+            .goal
+            .take()
+            .map(|goal| goal.baseline("way", choice, "it does nothing"));
+    };
+    baseline(&mut table, "good");
+    let advice = &table.advice()[0];
+    assert_eq!(advice.take.as_ref().map(|way| way.name.as_str()), Some("finest"));
+    assert!(
+        advice
+            .words
+            .ends_with("good is a baseline and never advised: it does nothing."),
+        "{}",
+        advice.words
+    );
+}
+
+#[test]
 fn what_is_flagged_or_not_measured_under_all_conditions_is_no_choice() {
     let mut wrong = usual();
     let row = wrong.rows.iter().position(|row| row.choices[1] == "good").unwrap();

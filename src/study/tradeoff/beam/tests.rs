@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::{Row, Table};
+use crate::study::tradeoff::{Pace, Row, Table};
 
 fn value(table: &Table, row: &Row, key: &str) -> f64 {
     row.values[table.axis(key).expect("an axis")].expect("a value")
@@ -18,6 +18,17 @@ fn choices_are_measured_against_the_fine_needle() {
             .flat_map(|table| &table.rows)
             .all(|row| row.flag.is_none())
     );
+    // A newcomer gets one answer for the elements of a needle that is pushed: that of the insertions.
+    assert!(
+        study
+            .tables
+            .iter()
+            .all(|table| table.in_time(&Pace::default()).is_empty())
+    );
+    assert!(needles.advice().iter().all(|advice| {
+        let take = advice.take.as_ref();
+        take.is_none_or(|way| ["springs", "beam"].contains(&way.name.as_str()))
+    }));
     // Of fourth order: shorter elements, smaller errors, by ten or more from 5 to 1 mm.
     for case in elements.rows.chunks(5) {
         let errors: Vec<f64> = case[..4].iter().map(|row| value(elements, row, "error_mm")).collect();

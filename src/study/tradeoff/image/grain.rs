@@ -2,7 +2,7 @@
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, without_grain};
-use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
+use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor, lookup};
 use crate::effects::Effects;
 use crate::effects::noise::Noise;
 use crate::effects::speckle::Speckle;
@@ -24,10 +24,10 @@ const SIDE: usize = 400;
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
 pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
-    Ok(vec![textures(options)?, models(options)?])
+    Ok(vec![textures(options)?, lookup::lookups(), models(options)?])
 }
 
-/// Textures have one way of being looked up, trilinear; the other is none.
+/// Frames look textures up in one way, trilinear; the other is none. Ways by themselves: [`lookup`].
 fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = without_grain(subject.grid(coarsened(options, [256, 512])));

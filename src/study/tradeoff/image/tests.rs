@@ -89,6 +89,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_labels", 8),
         ("image_sampling", 15),
         ("image_texture", 2),
+        ("image_lookup", 6),
         ("image_grain", 3),
         ("image_location", 3),
     ];
@@ -109,6 +110,12 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         off.len() == 2 && off.iter().all(|off| off.is_some_and(|off| off > 1.0)),
         "{off:?}"
     );
+    // Trilinear errs by rounding, the nearest voxel by what lies between voxels.
+    let lookups = study.tables.iter().find(|table| table.key == "image_lookup").unwrap();
+    for pair in lookups.rows.chunks(2) {
+        let [nearest, trilinear] = [0, 1].map(|at| lookups.value(&pair[at], "rms_db").unwrap());
+        assert!(nearest > 0.1 && trilinear < 1e-2, "{nearest} {trilinear}");
+    }
     assert_eq!(study.plots().len(), 4);
     assert!(study.text().contains("no GPU adapter"));
     let few = ImageOptions {

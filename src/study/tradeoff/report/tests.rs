@@ -1,4 +1,5 @@
 use super::*;
+use crate::study::page::escape;
 use crate::study::tradeoff::gather::{Entry, Means, STUDIES, gather};
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, InTime, Pace};
 
@@ -127,6 +128,51 @@ fn what_keeps_to_the_pace_stands_first() {
         assert!(pace.is_some() && pace < short, "{text}");
         assert!(text.contains("exact: 13.5 ms, the gold standard itself"), "{text}");
     }
+}
+
+#[test]
+fn every_column_mark_and_cell_says_what_it_is() {
+    let report = report(&[RIGHT]);
+    let (page, markdown) = (report.page().unwrap(), report.markdown());
+    let meaning = "p95: time (95th percentile), ms";
+    let best = "best: no other row has both less \"ms\" and less \"error\"";
+    assert!(page.contains(meaning) && page.contains(&escape(best)), "{page}");
+    assert!(markdown.contains(meaning) && markdown.contains(best), "{markdown}");
+    assert!(
+        page.contains("<th class=\"n\" title=\"time (95th percentile), ms\">p95</th>"),
+        "{page}"
+    );
+    // Where rows become blocks there are no headings above.
+    for label in ["take", "it takes", "it is off by", "better, but slower"] {
+        assert!(page.contains(&format!("data-label=\"{label}\">")), "{label}");
+    }
+    for text in [&page, &markdown] {
+        assert!(
+            text.contains("below 0.1 of what is of no matter count as none"),
+            "{text}"
+        );
+    }
+    // The gold standard errs by nothing and is among the best; it is shown to be no gap.
+    let section = &report.chapters[0].sections[0];
+    assert_eq!(section.best, [true, true, true]);
+    assert!(
+        markdown.contains("| exact | 9 | 13.5 | standard | gold standard, best |"),
+        "{markdown}"
+    );
+}
+
+#[test]
+fn a_study_by_itself_has_a_page_too() {
+    let page = study(0.5).page().unwrap();
+    for text in [
+        "<h1>Made up</h1>",
+        "Ways &amp; means",
+        "<svg",
+        "one &lt;b&gt;was&lt;/b&gt; left out",
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert!(!page.contains("measured in"), "a time that nobody took");
 }
 
 #[test]
