@@ -26,17 +26,17 @@ tr.wrong td{color:var(--bad)}\
 .figures{display:flex;flex-wrap:wrap;gap:1rem 2rem;margin:.8rem 0}\
 figure{margin:0;flex:1 1 20rem;max-width:30rem;break-inside:avoid}figcaption{font-size:.9rem;color:var(--soft)}\
 svg{display:block;width:100%;height:auto}figure.whole{max-width:none}\
-@media screen{figure.whole svg{width:auto;max-width:none}}\
+@media screen{figure.whole svg{width:56rem;max-width:none}}\
 details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
 @media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}\
-.stack,.stack tbody{display:block}.stack thead{display:none}.stack tr{display:block;padding:.45rem 0;border-bottom:1px solid var(--line)}\
+figure.whole svg{width:44rem}.stack,.stack tbody{display:block}.stack thead{display:none}.stack tr{display:block;padding:.45rem 0;border-bottom:1px solid var(--line)}\
 .stack td{display:block;border:0;padding:0;text-align:left;white-space:normal}.stack td:empty{display:none}\
 .stack td[data-label]:not(:first-child)::before{content:attr(data-label) ': ';color:var(--soft)}\
 .stack td:first-child{font-weight:600}.stack td:first-child small{font-weight:400}}\
 @media print{:root{color-scheme:light;--ink:#000;--soft:#444;--paper:#fff;--card:#f4f4f4;--line:#bbb;--good:#00583e;--bad:#8f3000}\
 figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details{display:none}\
 h2,h3,h2+p,h3+p,h3+p+p,thead,tbody tr:first-child,figcaption{break-after:avoid}tr,.advice,.warning{break-inside:avoid}\
-p{orphans:3;widows:3}.figures{display:block}.figures figure{margin:0 0 .6rem}table{font-size:8pt}}";
+p{orphans:3;widows:3}.figures{display:block}.figures figure{display:inline-block;width:48%;vertical-align:top;margin:0 1% .6rem 0}.advice{break-after:avoid}table{font-size:8pt}}";
 
 /// A page that is being written.
 pub struct Page(String);

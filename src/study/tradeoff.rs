@@ -3,7 +3,7 @@
 //! A [`Study`] holds [`Table`]s. A row of a table is one way of doing a thing: [`Factor`]s say which (level, backend, precision,
 //! size), [`Axis`] by axis it has a figure (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study
 //! only measures and fills in, names the gold standard of each table and what a user wants of it ([`Goal`]); advice follows from
-//! the rows ([`Table::advice`]); text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
+//! the rows ([`Table::advice`]), and so does which of them are the best ([`Table::best`]); text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
 //!
 //! | module | what it studies |
 //! |---|---|
