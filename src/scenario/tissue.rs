@@ -208,13 +208,14 @@ pub struct PeakSpec {
     pub width_mm: f64,
 }
 
-/// Bone.
+/// Bone. A force on the tip grows with how far the hand would have it in the bone, without a bound; the tip itself comes no deeper
+/// than `penetration_mm`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoneSpec {
-    /// Force for each mm that the tip is pushed into it, N/mm (above 0).
+    /// Force for each mm that the hand would have the tip in it, N/mm (above 0).
     pub stiffness_n_per_mm: f64,
-    /// The depth that the tip comes to at most, mm (above 0).
+    /// The depth that the tip comes to at most, mm (above 0): beyond, the needle stays behind the hand.
     pub penetration_mm: f64,
 }
 

@@ -1,5 +1,7 @@
 //! What a tissue does to a needle in it.
 
+use serde::{Deserialize, Serialize};
+
 /// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
 /// density (peak, width, shaft) of the ultrasound motion estimation paper, section "Needle shaft force distribution". The
 /// shaft density is [`Interaction::friction_n_per_mm`].
@@ -11,13 +13,28 @@ pub struct Peak {
     pub width_mm: f64,
 }
 
-/// Bone: a penalty force grows with the depth that the tip is pushed into it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Bone: a penalty force on the tip, against the way that it came, grows with how far the hand would have the tip in the bone,
+/// without a bound. The tip itself comes no deeper than `penetration_mm`: from there on the needle stays behind the hand, which
+/// feels that it pushes it on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bone {
-    /// Force for each mm, N/mm (above 0).
+    /// Force for each mm that the hand would have the tip in the bone, N/mm (above 0).
     pub stiffness_n_per_mm: f64,
-    /// The depth that the tip comes to at most, mm (above 0): from there on the needle stays behind the hand.
+    /// The depth that the tip comes to at most, mm (above 0). At the end of the step in which bone is met, masses and springs may
+    /// have it deeper by what it goes on in one part of that step.
     pub penetration_mm: f64,
+}
+
+impl Bone {
+    /// The size of the penalty where the hand would have the tip `asked_mm` deep, N.
+    pub(super) fn force_n(&self, asked_mm: f64) -> f64 {
+        self.stiffness_n_per_mm * asked_mm.max(0.0)
+    }
+
+    /// How far the needle then stays behind the hand, mm.
+    pub(super) fn behind_mm(&self, asked_mm: f64) -> f64 {
+        (asked_mm - self.penetration_mm).max(0.0)
+    }
 }
 
 /// How a needle and one tissue act on each other (haptic simulator paper, section III-A).
@@ -107,6 +124,23 @@ impl Interaction {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The penalty has no bound, the depth has one.
+    #[test]
+    fn bone_pushes_back_by_how_far_the_hand_is_too_far() {
+        let bone = Bone {
+            stiffness_n_per_mm: 40.0,
+            penetration_mm: 0.5,
+        };
+        for (asked, force, behind) in [
+            (-1.0, 0.0, 0.0),
+            (0.25, 10.0, 0.0),
+            (0.5, 20.0, 0.0),
+            (10.0, 400.0, 9.5),
+        ] {
+            assert_eq!((bone.force_n(asked), bone.behind_mm(asked)), (force, behind));
+        }
+    }
 
     #[test]
     fn numbers_out_of_range_are_named() {

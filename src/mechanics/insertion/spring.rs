@@ -5,7 +5,8 @@
 //! made with the model and never change; where it lies follows when the tip comes into the body: from the point of entry along
 //! the needle. Until then it lies before the tip of the first step, at rest, so that an image made from it shows the tissue
 //! as it is. Every entry from outside puts it anew, at rest; after the needle has come out it stays until then. Its side and
-//! its far end are fixed. Tissue is one material throughout; regions differ in what they do to the needle.
+//! its far end are fixed. Tissue is one material throughout; regions differ in what they do to the needle. Bone alone is met
+//! where it lies in the undeformed body: it does not yield.
 //!
 //! Nodes on the shaft are a stack; its last node is held at the tip until it is penetrated: when the far face of the element
 //! before the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the needle is moved to

@@ -27,14 +27,13 @@ impl Hold {
 
     /// Where the base of the needle stays while the hand is at `base`: the tip goes no deeper than the bone lets it.
     pub fn hold_back(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
-        let too_deep = (self.depth(base, length_mm) - self.bone.penetration_mm).max(0.0);
-        Translation3::from(self.direction.into_inner() * -too_deep) * base
+        let behind = self.bone.behind_mm(self.depth(base, length_mm));
+        Translation3::from(self.direction.into_inner() * -behind) * base
     }
 
     /// The penalty, at the tip, N.
     pub fn force(&self, base: &Isometry3<f64>, length_mm: f64) -> Vector3<f64> {
-        let depth = self.depth(base, length_mm).clamp(0.0, self.bone.penetration_mm);
-        self.direction.into_inner() * (-self.bone.stiffness_n_per_mm * depth)
+        self.direction.into_inner() * -self.bone.force_n(self.depth(base, length_mm))
     }
 }
 

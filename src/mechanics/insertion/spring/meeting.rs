@@ -108,6 +108,7 @@ impl MassSpring {
         let tip = self.tip();
         let (point, direction) = (tip.point_mm.coords, tip.tangent.into_inner());
         let ahead = point + direction * (AHEAD * self.spacing_mm);
+        let in_bone = self.meet_bone(before, travel, hand);
         // Side and far end are fixed: beyond them there is no element.
         let own = self.frame.inverse_transform_point(&tip.point_mm);
         let within = own.z <= self.parameters.length_mm && own.coords.xy().norm() <= self.parameters.radius_mm;
@@ -123,7 +124,9 @@ impl MassSpring {
         };
         let coordinates = simplex.coordinates(&point);
         let reference = self.network.to_reference(element, &coordinates);
-        self.meet(&(reference - point), before, travel, hand);
+        if !in_bone {
+            self.meet(&(reference - point));
+        }
         if travel <= STILL_MM {
             return;
         }
@@ -167,25 +170,32 @@ impl MassSpring {
     }
 
     /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
-    fn meet(&mut self, back: &Vector3<f64>, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
-        let tip = self.tip();
-        let region = self.anatomy.region(&(tip.point_mm + back));
-        let another = std::mem::replace(&mut self.body.region, region) != region;
+    fn meet(&mut self, back: &Vector3<f64>) {
+        let tip = self.tip().point_mm;
+        let region = self.anatomy.region(&(tip + back));
         let of = interaction(self.anatomy.as_ref(), region);
-        let Some(bone) = of.bone else {
-            if another {
-                self.body.breaking = of.puncture_n > of.cutting_n;
-                self.event(EventKind::Region, tip.point_mm, region);
-            }
-            return;
+        // Bone is not where springs would have carried it.
+        if of.bone.is_none() && std::mem::replace(&mut self.body.region, region) != region {
+            self.body.breaking = of.puncture_n > of.cutting_n;
+            self.event(EventKind::Region, tip, region);
+        }
+    }
+
+    /// Looks whether the tip is in bone, which does not yield: it lies as in the undeformed body.
+    fn meet_bone(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) -> bool {
+        let tip = self.tip();
+        let region = self.anatomy.region(&tip.point_mm);
+        let Some(bone) = interaction(self.anatomy.as_ref(), region).bone else {
+            return false;
         };
+        self.body.region = region;
         if self.body.hold.is_some() || travel <= STILL_MM {
-            return;
+            return true;
         }
         let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
         for _ in 0..HALVINGS {
             let middle = nalgebra::center(&outside, &inside);
-            match self.anatomy.region(&(middle + back)) == region {
+            match self.anatomy.region(&middle) == region {
                 true => inside = middle,
                 false => outside = middle,
             }
@@ -196,5 +206,6 @@ impl MassSpring {
             bone,
         });
         self.event(EventKind::Bone, inside, region);
+        true
     }
 }

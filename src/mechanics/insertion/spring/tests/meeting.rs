@@ -90,8 +90,9 @@ fn layers_have_their_friction() {
     assert!(it.outcome.on_hand.force_n.z > 0.4);
 }
 
-/// Bone at 1 and at 10 mm a step: the tip goes no deeper than it may, the force is the penalty, and all is as before when the
-/// needle has been drawn back.
+/// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however springs are pushed ahead; the tip goes no
+/// deeper than it may, the force is the penalty for what the hand has gone too far, and all is as before when the needle has been
+/// drawn back.
 #[test]
 fn bone_stops_the_tip() {
     let bone = Interaction {
@@ -110,19 +111,16 @@ fn bone_stops_the_tip() {
         let found = events(&mut it, [-10.0, 50.0], speed);
         let (kind, depth, region) = *found.last().unwrap();
         assert_eq!((kind, region), (EventKind::Bone, Some(1)));
-        assert!((depth - 30.0).abs() < 1.0, "{depth}");
+        assert!((depth - 30.0).abs() < 1e-9, "{depth}");
         let tip = it.outcome.tip_mm.z;
         assert!(
             tip <= depth + 0.5 + 1e-9 && it.outcome.tip_deflection_mm > 18.0,
             "{tip} {depth}"
         );
-        assert!(
-            (it.outcome.on_hand.force_n.z + 2.0).abs() < 0.6,
-            "{}",
-            it.outcome.on_hand.force_n.z
-        );
         (0..30).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, 50.0), 0.1).is_ok()));
-        assert!((it.outcome.on_hand.force_n.z + 2.0).abs() < 1e-9);
+        // The hand is 20 mm too far, at 4 N/mm.
+        let force = it.outcome.on_hand.force_n.z;
+        assert!((force + 80.0).abs() < 1e-9, "{force}");
         let found = events(&mut it, [50.0, 20.0], speed);
         assert!(found.iter().all(|event| event.0 == EventKind::Region), "{found:?}");
         assert!((it.outcome.tip_mm.z - 20.0).abs() < 1e-9);
