@@ -202,3 +202,24 @@ fn scenarios_that_come_with_the_program_are_printed_and_described() {
         assert!(schema["properties"][key]["description"].is_string(), "{key}");
     }
 }
+
+/// Bone whose nodes are all held stops a needle that meets it first, with the force that is stated.
+#[test]
+fn bone_at_the_surface_stops_a_needle() {
+    let bench = bench();
+    let bone = "[[tissue.material]]\nregion = \"phantom_top\"\nrigid = true\n\
+                bone = { stiffness_n_per_mm = 40, penetration_mm = 0.5 }\n";
+    bench.write("bone.toml", &format!("{BLOCK}{bone}"));
+    let summary = bench.run("insert bone.toml -o out --json -q").json();
+    let events = summary["events"].as_array().expect("a list");
+    let kinds: Vec<_> = events.iter().map(|event| &event["kind"]).collect();
+    assert_eq!(kinds, ["skin", "bone"], "{summary}");
+    // From the surface, which is flat there, to where the hand ends.
+    let surface = events[1]["at_mm"][2].as_f64().expect("a depth");
+    let pushed = 40.0 * (-20.0 - surface);
+    let force = summary["max_base_force_n"].as_f64().expect("a force");
+    assert!((force - pushed).abs() < 1e-6 && pushed > 900.0, "{force} {pushed}");
+    let depth = summary["max_inserted_mm"].as_f64().expect("a depth");
+    assert!((depth - 0.5).abs() < 1e-6, "{depth}");
+    assert_eq!(summary["warnings"].as_array().map(Vec::len), Some(0), "{summary}");
+}

@@ -3,6 +3,7 @@
 mod bending;
 mod contact;
 mod edges;
+mod held;
 mod levels;
 mod probe;
 mod support;

@@ -3,6 +3,7 @@
 
 mod ahead;
 mod contact;
+mod entry;
 mod fetch;
 mod forces;
 mod friction;
@@ -220,13 +221,14 @@ impl Finite {
             .place(base, self.entry.as_ref(), &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
         let at_rest = self.tip_at_rest();
+        let bare = self.depth_of_bare();
         let outcome = &mut self.outcome;
         outcome.on_hand = on_hand;
         outcome.on_probe = on_probe;
         outcome.tip_mm = tip;
         outcome.tip_at_rest_mm = at_rest;
         outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
-        outcome.inserted_mm = (self.line.length_mm() - first).max(0.0);
+        outcome.inserted_mm = (self.line.length_mm() - first).max(bare);
         outcome.contacts = self.contacts.len();
         outcome.stuck = self.contacts.iter().filter(|contact| contact.slider.is_stuck()).count();
         outcome.probe_contacts = self.press.as_ref().map_or(0, Press::touching);

@@ -46,7 +46,12 @@ impl Finite {
         if self.release(advance) {
             self.settle(base);
         }
+        let was_in_bone = self.tip.in_bone();
         if self.advance(advance) {
+            self.settle(base);
+        }
+        // Bone that has just been met.
+        if !was_in_bone && self.hold_at_bone() {
             self.settle(base);
         }
         self.stick_again();

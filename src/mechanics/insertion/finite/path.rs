@@ -7,7 +7,7 @@ use super::joint::MOST_FADING;
 use super::place::Place;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
-use crate::mechanics::needle::Entry;
+use crate::mechanics::needle::ShaftPoint;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 
 /// A node comes off when it is this far beyond the tip, mm: one that has just been made there must not for rounding.
@@ -42,10 +42,10 @@ impl Finite {
         (self.tip.row, self.tip.found, self.tip.surface) = (None, None, None);
         self.tip.at_node = false;
         if self.contacts.is_empty() {
-            self.entry = None;
-            self.tip.element = None;
             self.tip.corners.clear();
-            self.note(EventKind::Out, self.line.tip(), None);
+            if !self.tip.bare {
+                self.leave();
+            }
         }
         self.name_contacts();
         true
@@ -72,28 +72,41 @@ impl Finite {
         };
         let Some(place) = found else {
             (self.tip.row, self.tip.at_node, self.tip.outside) = (None, false, true);
+            self.leave_bare();
             return false;
         };
         self.tip.outside = false;
-        let region = self.mesh.regions()[place.element as usize];
-        let before = self.tip.region();
         self.tip.reference = self.adaptation.mesh().point(place.element, place.bary).into();
-        if self.contacts.is_empty() {
-            return self.pierce(&place, &tip);
+        if self.entry.is_none() {
+            return self.pierce(&place);
         }
-        self.tip.element = Some((place.element, region));
+        let region = self.mesh.regions()[place.element as usize];
+        let before = self.tip.element.replace((place.element, region));
         self.lay_path(region);
-        if before != Some(region) {
+        if before.map(|(_, region)| region) != Some(region) {
             self.note(EventKind::Region, tip, Some(region));
             self.meet_surface(region);
         }
-        if let Some(bone) = self.interactions.of(region).bone {
-            self.meet_bone(&bone, &tip, region);
+        if self.interactions.of(region).bone.is_some() {
+            self.stop_at_bone(&place, advance);
             (self.tip.row, self.tip.at_node) = (None, false);
             return false;
         }
-        self.tip.found = Some(place);
+        self.tip.found = Some(place).filter(|_| !self.contacts.is_empty());
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
+    }
+
+    /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
+    fn stop_at_bone(&mut self, place: &Place, advance: f64) {
+        let region = self.mesh.regions()[place.element as usize];
+        let Some(bone) = self.interactions.of(region).bone.filter(|_| !self.tip.in_bone()) else {
+            return;
+        };
+        let ShaftPoint { point_mm, tangent } = self.line.at(self.line.length_mm());
+        let border = self.back_through(place, &point_mm, &-tangent.into_inner(), |other| other == region);
+        // A needle that has come in from the side has not come farther along itself.
+        let depth = border.map_or(0.0, |(.., depth)| depth).min(advance.max(0.0));
+        self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
     }
 
     /// The path in front of the last node grows, or shrinks.
@@ -109,25 +122,24 @@ impl Finite {
         }
     }
 
-    /// Whether the tip has left the elements around the last node, and is far enough from it.
+    /// Whether the tip has left the elements around the last node, if there is one, and is far enough from it.
     fn wants_node(&self, place: &Place) -> bool {
-        let Some(last) = self.contacts.last() else { return false };
         let spacing = self.options.spacing_mm;
-        let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
         let refused = self
             .tip
             .refused
             .is_some_and(|refused| (refused - self.tip.reference).norm() < spacing / 4.0);
-        elsewhere && self.line.length_mm() - last.arc >= spacing && !refused
+        let beyond = self.contacts.last().is_none_or(|last| {
+            let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
+            elsewhere && self.line.length_mm() - last.arc >= spacing
+        });
+        beyond && !refused
     }
 
     /// Moves a corner to the tip.
     fn remesh(&mut self, place: &Place, region: i32) -> bool {
         let Some(node) = self.move_corner(place.element, self.tip.reference, |_| true) else {
-            // Told once: further on a corner will fit.
-            if self.tip.refused.replace(self.tip.reference).is_none() {
-                self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
-            }
+            self.refuse(region);
             return false;
         };
         let state = self.contacts.last().map_or(State::Stuck, |last| last.slider.state);
@@ -136,8 +148,15 @@ impl Finite {
         true
     }
 
+    /// No corner fits at the tip: told once, as further on one may.
+    pub(super) fn refuse(&mut self, region: i32) {
+        if self.tip.refused.replace(self.tip.reference).is_none() {
+            self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
+        }
+    }
+
     /// Makes the best of some corners a node at a point of the reference state. Which; none if none fits.
-    fn move_corner(&mut self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
+    pub(super) fn move_corner(&mut self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
         let node = self.corner(element, to, may)?;
         self.adaptation.move_node(node, to.into()).ok()?;
         self.outcome.remeshes += 1;
@@ -155,7 +174,7 @@ impl Finite {
         (corner.condition <= self.options.condition_limit).then_some(corner.node)
     }
 
-    fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
+    pub(super) fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
         self.forces.insert(self.contacts.len(), Vector3::zeros());
         self.contacts.push(Contact {
             node,
@@ -173,7 +192,7 @@ impl Finite {
     }
 
     /// Finds the tip among the elements whose corner has been moved.
-    fn find_again(&mut self, from: u32) {
+    pub(super) fn find_again(&mut self, from: u32) {
         let point = self.tip.reference;
         self.tip.found = self.walk_at_rest(&point, from);
         if let Some(place) = &self.tip.found {
@@ -194,44 +213,5 @@ impl Finite {
             unreachable!("contacts are free nodes, each once: {error}");
         }
         self.version += 1;
-    }
-
-    /// The tip goes through the skin: the first node, on the surface where the needle crosses it.
-    fn pierce(&mut self, place: &Place, tip: &Point3<f64>) -> bool {
-        let tangent = self.line.at(self.line.length_mm()).tangent;
-        let Some((skin, face, depth)) = self.back_to_surface(place, tip, &-tangent.into_inner()) else {
-            return false;
-        };
-        let point = tip - tangent.into_inner() * depth;
-        let region = self.mesh.regions()[skin.element as usize];
-        let at = Point3::from(self.adaptation.mesh().point(skin.element, skin.bary));
-        let inner = self.mesh.elements()[skin.element as usize][face];
-        let length = self.line.length_mm();
-        let on_surface = self.move_corner(skin.element, at, |node| node != inner);
-        // Where no corner of the face can be moved along it, the tip becomes a node inside.
-        let made = match on_surface {
-            Some(node) => Some((node, length - depth)),
-            None => self
-                .move_corner(place.element, self.tip.reference, |_| true)
-                .map(|node| (node, length)),
-        };
-        let Some((node, arc)) = made else {
-            self.note(EventKind::NotRemeshed, *tip, Some(region));
-            return false;
-        };
-        self.note(EventKind::Skin, point, Some(region));
-        self.entry = Some(Entry {
-            point_mm: point,
-            direction: tangent,
-        });
-        self.add_contact(node, arc, State::Stuck, region);
-        self.tip.row = None;
-        self.meet_surface(region);
-        self.find_again(place.element);
-        if let Some(bone) = self.interactions.of(region).bone {
-            self.meet_bone(&bone, &point, region);
-            self.tip.found = None;
-        }
-        true
     }
 }

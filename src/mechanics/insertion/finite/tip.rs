@@ -37,6 +37,9 @@ pub(super) struct Tip {
     pub surface: Option<f64>,
     /// Where no corner fitted, mm: it is not tried again there.
     pub refused: Option<Point3<f64>>,
+    /// Whether it went in where no node could be made on the surface, nor near it: tissue is held there, and its depth counts from the
+    /// entry.
+    pub bare: bool,
     bone: Option<Met>,
 }
 
@@ -44,10 +47,17 @@ pub(super) struct Tip {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Met {
     at: Point3<f64>,
-    stiffness_n_per_mm: f64,
-    penetration_mm: f64,
+    bone: Bone,
     /// How far the needle stays behind the hand, mm.
     behind: f64,
+}
+
+impl Met {
+    /// How deep the hand would have the tip of a needle that lies so, mm.
+    fn asked(&self, line: &CentreLine) -> f64 {
+        let tangent = line.at(line.length_mm()).tangent;
+        tangent.dot(&(line.tip() - self.at)) + self.behind
+    }
 }
 
 impl Tip {
@@ -69,10 +79,9 @@ impl Tip {
 
     /// What bone does to the tip, N: it grows with how far the hand would have the tip in it.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
-        let Some(bone) = self.bone else { return Vector3::zeros() };
+        let Some(met) = self.bone else { return Vector3::zeros() };
         let tangent = line.at(line.length_mm()).tangent;
-        let depth = tangent.dot(&(line.tip() - bone.at)) + bone.behind;
-        tangent.into_inner() * (-bone.stiffness_n_per_mm * depth.max(0.0))
+        tangent.into_inner() * -met.bone.force_n(met.asked(line))
     }
 }
 
@@ -198,12 +207,12 @@ impl Finite {
         }
     }
 
+    /// Notes bone that is met `at` a point, if none is yet.
     pub(super) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32) {
         if self.tip.bone.is_none() {
             self.tip.bone = Some(Met {
                 at: *at,
-                stiffness_n_per_mm: bone.stiffness_n_per_mm,
-                penetration_mm: bone.penetration_mm,
+                bone: *bone,
                 behind: 0.0,
             });
             self.note(EventKind::Bone, *at, Some(region));
@@ -212,12 +221,11 @@ impl Finite {
 
     /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. Whether the base is elsewhere now.
     pub(super) fn hold_at_bone(&mut self) -> bool {
-        let Some(bone) = &mut self.tip.bone else { return false };
-        let tangent = self.line.at(self.line.length_mm()).tangent;
-        let asked = tangent.dot(&(self.line.tip() - bone.at)) + bone.behind;
-        let behind = (asked - bone.penetration_mm).max(0.0);
-        let moved = behind != bone.behind;
-        bone.behind = behind;
+        let Some(met) = &mut self.tip.bone else { return false };
+        let asked = met.asked(&self.line);
+        let behind = met.bone.behind_mm(asked);
+        let moved = behind != met.behind;
+        met.behind = behind;
         if asked < 0.0 {
             self.tip.bone = None;
         }
@@ -226,7 +234,7 @@ impl Finite {
 
     /// Where the tissue at the tip is at rest, mm; none outside.
     pub(super) fn tip_at_rest(&self) -> Option<Point3<f64>> {
-        let inside = !self.contacts.is_empty() && !self.tip.outside && self.tip.element.is_some();
+        let inside = self.entry.is_some() && !self.tip.outside && self.tip.element.is_some();
         inside.then_some(self.tip.reference)
     }
 

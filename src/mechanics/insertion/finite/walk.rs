@@ -90,12 +90,14 @@ impl Finite {
         })
     }
 
-    /// Back along a direction to where the tissue begins: the place there, the corner opposite the surface, and how far (mm).
-    pub(super) fn back_to_surface(
+    /// Back along a direction to where the tissue begins, or that of some regions: the place there, the corner opposite the border, and
+    /// how far (mm).
+    pub(super) fn back_through(
         &mut self,
         place: &Place,
         from: &Point3<f64>,
         direction: &Vector3<f64>,
+        within: impl Fn(i32) -> bool,
     ) -> Option<(Place, usize, f64)> {
         let mut element = place.element;
         let mut point = *from;
@@ -106,7 +108,7 @@ impl Finite {
             way += distance;
             point += direction * distance;
             let next = self.mesh.neighbours()[element as usize][corner];
-            if next == NONE {
+            if next == NONE || !within(self.mesh.regions()[next as usize]) {
                 let mut bary = tetrahedron.bary(&point);
                 bary[corner] = 0.0;
                 let sum: f64 = bary.iter().sum();

@@ -1,0 +1,79 @@
+//! The way into the tissue and out of it.
+
+use nalgebra::Point3;
+
+use super::place::Place;
+use super::slider::State;
+use super::{EventKind, Finite};
+use crate::mechanics::needle::{Entry, ShaftPoint};
+
+impl Finite {
+    /// The tip goes through the skin: the first node, on the surface where the needle crosses it. Whether one was made: bone that is
+    /// met there needs none, and where tissue is held there may be none to make.
+    pub(super) fn pierce(&mut self, place: &Place) -> bool {
+        let length = self.line.length_mm();
+        let ShaftPoint { point_mm: tip, tangent } = self.line.at(length);
+        let Some((skin, face, depth)) = self.back_through(place, &tip, &-tangent.into_inner(), |_| true) else {
+            return false;
+        };
+        let point_mm = tip - tangent.into_inner() * depth;
+        let region = self.mesh.regions()[skin.element as usize];
+        self.note(EventKind::Skin, point_mm, Some(region));
+        self.entry = Some(Entry {
+            point_mm,
+            direction: tangent,
+        });
+        self.tip.element = Some((skin.element, region));
+        let bone = self.interactions.of(region).bone;
+        if let Some(bone) = &bone {
+            self.meet_bone(bone, &point_mm, region);
+        }
+        let at = Point3::from(self.adaptation.mesh().point(skin.element, skin.bary));
+        let inner = self.mesh.elements()[skin.element as usize][face];
+        let on_surface = self.move_corner(skin.element, at, |node| node != inner);
+        // Where no corner of the face can be moved along it, the tip becomes a node inside.
+        let made = match on_surface {
+            Some(node) => Some((node, length - depth)),
+            None if bone.is_some() => None,
+            None => self
+                .move_corner(place.element, self.tip.reference, |_| true)
+                .map(|node| (node, length)),
+        };
+        let Some((node, arc)) = made else {
+            self.tip.bare = true;
+            if bone.is_none() {
+                self.refuse(region);
+            }
+            return false;
+        };
+        self.add_contact(node, arc, State::Stuck, region);
+        self.tip.row = None;
+        self.meet_surface(region);
+        self.find_again(place.element);
+        if bone.is_some() {
+            self.tip.found = None;
+        }
+        true
+    }
+
+    /// The needle is out.
+    pub(super) fn leave(&mut self) {
+        (self.entry, self.tip.element) = (None, None);
+        (self.tip.bare, self.tip.refused) = (false, None);
+        self.note(EventKind::Out, self.line.tip(), None);
+    }
+
+    /// The tip is not in tissue: without a node on the needle it has left that, unless it has come out on another side.
+    pub(super) fn leave_bare(&mut self) {
+        if self.contacts.is_empty() && self.entry.is_some() && self.depth_of_bare() <= 0.0 {
+            self.leave();
+        }
+    }
+
+    /// How deep the tip is that went in without a node, mm: held tissue stays where it is.
+    pub(super) fn depth_of_bare(&self) -> f64 {
+        let tangent = self.line.at(self.line.length_mm()).tangent;
+        let entry = self.entry.as_ref().filter(|_| self.tip.bare);
+        entry.map_or(0.0, |entry| tangent.dot(&(self.line.tip() - entry.point_mm)).max(0.0))
+    }
+}
