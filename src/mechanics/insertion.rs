@@ -111,6 +111,11 @@ pub struct Saved(pub serde_json::Value);
 
 /// A model of tissue with a needle in it, and perhaps a probe beside it.
 pub trait Model: Send {
+    /// Puts the instruments where they are before the first step, which then goes all the way from there, past no element unseen. A
+    /// needle whose tip begins in the tissue is left to the first step: it has been pushed in before. So is everything in a model that
+    /// does nothing here, or has made steps.
+    fn start(&mut self, _: &Instruments) {}
+
     /// Makes one step of `dt_s` seconds to where the instruments are now. However far they have come, no element is passed
     /// unseen; what could not be resolved is told in the outcome.
     ///

@@ -120,6 +120,7 @@ pub fn run<O: Observer>(
         next: 0,
     });
     let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
+    model.start(&scenario.instruments(0));
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
     for number in 1..=timing.steps {

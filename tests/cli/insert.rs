@@ -223,3 +223,27 @@ fn bone_at_the_surface_stops_a_needle() {
     assert!((depth - 0.5).abs() < 1e-6, "{depth}");
     assert_eq!(summary["warnings"].as_array().map(Vec::len), Some(0), "{summary}");
 }
+
+/// A needle that is through the whole block after its first step has gone through it, as one that is after its second.
+#[test]
+fn the_first_step_is_travelled() {
+    let bench = bench();
+    let still = "[[needle.motion.keyframes]]\ntime_s = 0.005\ntip_mm = [3, 2, -47]\ndirection = [0, 0, 1]\n";
+    let short = BLOCK.replacen("dt_ms = 5", "dt_ms = 5\nduration_s = 0.1", 1);
+    let far = |time: &str| {
+        let from = "time_s = 0.5\ntip_mm = [3, 2, -20]";
+        short.replacen(from, &format!("time_s = {time}\ntip_mm = [3, 2, 60]"), 1)
+    };
+    bench.write("first.toml", &far("0.005"));
+    let second = far("0.01");
+    let at = second.rfind("[[needle.motion.keyframes]]").expect("a keyframe");
+    bench.write("second.toml", &format!("{}{still}{}", &second[..at], &second[at..]));
+    let [first, second] =
+        ["first", "second"].map(|name| bench.run(&format!("insert {name}.toml -o {name} --json -q")).json());
+    for key in ["remeshes", "max_inserted_mm"] {
+        assert_eq!(first[key], second[key], "{first} {second}");
+    }
+    assert!(first["remeshes"].as_u64().expect("a count") > 3, "{first}");
+    let kind = |summary: &Value| summary["events"][0]["kind"].clone();
+    assert_eq!([kind(&first), kind(&second)], ["skin", "skin"]);
+}

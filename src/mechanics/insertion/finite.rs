@@ -29,7 +29,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
-use crate::mechanics::mesh::{Locator, TetMesh};
+use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::Adaptation;
@@ -253,6 +253,14 @@ fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
 }
 
 impl Model for Finite {
+    fn start(&mut self, instruments: &Instruments) {
+        let tip = instruments.base * Point3::new(0.0, 0.0, self.needle.length_mm());
+        let outside = |finite: &Finite| finite.locator.locate(tip.into(), NONE).element == NONE;
+        if self.steps == 0 && numbers(&instruments.base).all(f64::is_finite) && outside(self) {
+            self.base = Some(instruments.base);
+        }
+    }
+
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         finite("the pose of the needle's base", numbers(&instruments.base))?;
         if let Some(probe) = &instruments.probe {

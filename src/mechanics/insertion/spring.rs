@@ -211,6 +211,15 @@ impl MassSpring {
 }
 
 impl Model for MassSpring {
+    fn start(&mut self, instruments: &Instruments) {
+        let base = &instruments.base;
+        let tip = bone::unloaded_tip(base, self.needle.length_mm());
+        let is_new = self.body.base.is_none() && check(instruments, 1.0).is_ok();
+        if is_new && self.anatomy.region(&tip).is_none() {
+            self.body.base = Some(self.begin(base));
+        }
+    }
+
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         check(instruments, dt_s)?;
         let to = instruments.base;

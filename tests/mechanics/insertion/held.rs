@@ -4,7 +4,7 @@ use insonify::mechanics::insertion::finite::{Finite, Setup};
 use insonify::mechanics::insertion::{Bone, EventKind, Interaction, Model};
 use insonify::mechanics::mesh::TetMesh;
 
-use super::support::{USUAL, assert_finite, block, build, go, kinds, on_table, resistance, travel};
+use super::support::{USUAL, assert_finite, block, build, go, kinds, on_table, resistance, setup, travel};
 
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 40.0,
@@ -128,4 +128,31 @@ fn held_tissue_before_soft_tissue() {
         (last.on_hand.force_n.norm(), last.inserted_mm, finite.held()),
         (0.0, 0.0, 0)
     );
+}
+
+/// A needle that begins before the tissue and is behind it after its first step has gone through it.
+#[test]
+fn the_first_step_is_travelled() {
+    let through = |started: bool| {
+        let mut finite = build(setup(USUAL));
+        if started {
+            finite.start(&super::support::tip_at([31.3, 28.9, -20.0]));
+        } else {
+            go(&mut finite, -20.0);
+        }
+        go(&mut finite, 90.0)
+    };
+    let found = through(true);
+    assert!(found.contacts > 3 && found.inserted_mm > 80.0, "{found:?}");
+    let other = through(false);
+    assert_eq!((found.on_hand, found.remeshes), (other.on_hand, other.remeshes));
+    // One that begins in the tissue has been pushed in before.
+    let begin = |started: bool| {
+        let mut finite = build(setup(USUAL));
+        if started {
+            finite.start(&super::support::tip_at([31.3, 28.9, 19.0]));
+        }
+        go(&mut finite, 20.0)
+    };
+    assert_eq!(begin(true), begin(false));
 }
