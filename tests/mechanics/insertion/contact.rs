@@ -1,6 +1,7 @@
 //! Friction, cutting and what they leave behind.
 
-use insonify::mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, Tissue};
+use insonify::mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, StepError, Tissue};
+use serde_json::json;
 
 use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};
 
@@ -177,6 +178,53 @@ fn saved_states_go_on_bit_for_bit() {
     let before = small.save();
     assert!(small.restore(&saved).is_err());
     assert_eq!(small.save(), before);
+}
+
+/// States that cannot be one of this model are refused, and it goes on as if nobody had asked.
+#[test]
+fn foreign_states_are_refused_and_nothing_has_changed() {
+    let mut finite = build(setup(USUAL));
+    travel(&mut finite, -1.0, 30.0, 0.25);
+    let good = finite.save();
+    let held = finite
+        .mesh()
+        .nodes()
+        .iter()
+        .position(|node| node[2] == 80.0)
+        .expect("a node");
+    travel(&mut finite, 30.0, 12.0, 0.25);
+    let before = finite.save();
+    let expected = travel(&mut finite, 12.0, 15.0, 0.25);
+    for (place, value) in [
+        ("/contacts/0/node", json!(100_000)),
+        ("/contacts/0/node", json!(held)),
+        ("/contacts/1/node", good.0["contacts"][0]["node"].clone()),
+        ("/tip/corners", json!([100_000])),
+        ("/tip/element/0", json!(100_000)),
+        ("/forces", json!([])),
+        ("/moved/0/0", json!(100_000)),
+        ("/moved/0/1", json!([1e3, 1e3, 1e3])),
+        ("/entry", json!(null)),
+        ("/entry/1", json!([0.0, 0.0, 2.0])),
+        ("/line/nodes", json!([])),
+        ("/probe", json!([null, [true]])),
+    ] {
+        finite.restore(&before).expect("its own state");
+        let mut spoilt = good.clone();
+        *spoilt.0.pointer_mut(place).expect(place) = value;
+        let refused = finite.restore(&spoilt);
+        assert!(matches!(refused, Err(StepError::Foreign(_))), "{place}: {refused:?}");
+        assert_eq!(finite.save(), before, "{place}");
+        assert_eq!(travel(&mut finite, 12.0, 15.0, 0.25), expected, "{place}");
+    }
+
+    // Moves that only the compliance refuses are taken back.
+    let mut picky = setup(USUAL);
+    picky.options.remesh.reciprocal_limit = 0.9;
+    let mut picky = build(picky);
+    let before = picky.save();
+    assert!(picky.restore(&good).is_err());
+    assert_eq!(picky.save(), before);
 }
 
 /// A stiff skin is pushed in far and springs back when it breaks, and lets go of nodes near the tip. Each node is made once on the way

@@ -1,13 +1,20 @@
 //! Saving the state of an insertion, and going back to it.
 
+use std::fmt::Display;
+
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::contact::Contact;
+use super::press::Press;
 use super::{Finite, Nearby, Tip};
 use crate::mechanics::insertion::{Saved, StepError};
 use crate::mechanics::needle::{CentreLine, Entry};
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
+
+/// A direction is as long as 1 to this.
+const UNIT: f64 = 1e-9;
 
 /// All that a step depends on.
 #[derive(Serialize, Deserialize)]
@@ -30,6 +37,89 @@ struct State {
     seeds: Vec<Point3<f64>>,
     /// Where moved nodes are in the reference state.
     moved: Vec<(u32, [f64; 3])>,
+}
+
+fn foreign(error: impl Display) -> StepError {
+    StepError::Foreign(error.to_string())
+}
+
+impl State {
+    /// Whether it can be one of this mesh and probe: every number that counts something of them is in its range.
+    fn check(&self, adaptation: &Adaptation, press: Option<&Press>) -> Result<(), StepError> {
+        let mesh = adaptation.mesh();
+        let [nodes, elements] = [mesh.nodes().len(), mesh.elements().len()];
+        if [nodes, elements] != [self.nodes, self.elements] {
+            let (other, of) = (self.nodes, self.elements);
+            return Err(foreign(format!(
+                "its mesh has {other} nodes and {of} elements, that of this one {nodes} and {elements}"
+            )));
+        }
+        let candidates = press.map(|press| press.nodes().len());
+        if self.probe.as_ref().map(|(_, touching)| touching.len()) != candidates {
+            return Err(foreign("its probe has other candidates"));
+        }
+        let mut taken = vec![false; nodes];
+        for node in press.into_iter().flat_map(Press::nodes) {
+            taken[*node as usize] = true;
+        }
+        let needle = self.contacts.iter().map(|contact| contact.node);
+        for node in needle.chain(self.tip.corners.iter().copied()) {
+            let is_free = (node as usize) < nodes && !mesh.dofs().of(node).contains(&NONE);
+            if !is_free || std::mem::replace(&mut taken[node as usize], true) {
+                return Err(foreign(format!(
+                    "node {node} is on its needle or at its tip; expected free nodes, each once"
+                )));
+            }
+        }
+        let found = self.tip.found.map(|place| place.element);
+        let lost = |element: &u32| *element as usize >= elements;
+        if let Some(element) = self
+            .tip
+            .element
+            .map(|(element, _)| element)
+            .into_iter()
+            .chain(found)
+            .find(lost)
+        {
+            return Err(foreign(format!("its tip is in element {element} of {elements}")));
+        }
+        self.check_forces(candidates.unwrap_or(0))?;
+        self.check_needle()
+    }
+
+    fn check_forces(&self, candidates: usize) -> Result<(), StepError> {
+        let others = self.laid.iter().filter(|laid| **laid).count();
+        let (found, expected) = (self.forces.len(), self.contacts.len() + others + self.fading.len());
+        if found != expected {
+            return Err(foreign(format!("it has {found} forces; expected {expected}")));
+        }
+        let nodes = candidates + self.contacts.len() + self.tip.corners.len();
+        let mut shares = self.tip.row.iter().flat_map(|row| row.shares);
+        match shares.find(|(node, _)| *node >= nodes) {
+            Some((node, _)) => Err(foreign(format!("its tip acts on node {node} of {nodes}"))),
+            None => Ok(()),
+        }
+    }
+
+    fn check_needle(&self) -> Result<(), StepError> {
+        let nodes = self.line.nodes();
+        if nodes.len() == 1 || nodes.windows(2).any(|pair| pair[0].0 >= pair[1].0) {
+            return Err(foreign("the arcs of its needle do not rise"));
+        }
+        if nodes.is_empty() && (self.tip.base.is_some() || self.entry.is_some()) {
+            return Err(foreign("its needle has no shape"));
+        }
+        let is_in = self.tip.bare || !self.contacts.is_empty();
+        match &self.entry {
+            Some(_) if !is_in => Err(foreign("it has a point of entry of a needle that is not in tissue")),
+            None if is_in => Err(foreign("it has no point of entry of a needle that is in tissue")),
+            Some((_, direction)) if (direction.norm() - 1.0).abs() > UNIT => Err(foreign(format!(
+                "its direction of entry is {} long; expected 1",
+                direction.norm()
+            ))),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl Finite {
@@ -57,11 +147,7 @@ impl Finite {
             fading: self.fading.clone(),
             tip: self.tip.clone(),
             seeds: self.seeds.clone(),
-            moved: mesh
-                .away()
-                .iter()
-                .map(|node| (*node, mesh.nodes()[*node as usize]))
-                .collect(),
+            moved: self.moved(),
         };
         match serde_json::to_value(state) {
             Ok(value) => Saved(value),
@@ -70,20 +156,8 @@ impl Finite {
     }
 
     pub(super) fn restore_state(&mut self, saved: &Saved) -> Result<(), StepError> {
-        let state = State::deserialize(&saved.0).map_err(|error| StepError::Foreign(error.to_string()))?;
-        let mesh = self.adaptation.mesh();
-        let counts = [mesh.nodes().len(), mesh.elements().len()];
-        if counts != [state.nodes, state.elements] {
-            let [nodes, elements] = counts;
-            let (other, of) = (state.nodes, state.elements);
-            return Err(StepError::Foreign(format!(
-                "its mesh has {other} nodes and {of} elements, that of this one {nodes} and {elements}"
-            )));
-        }
-        let candidates = self.press.as_ref().map(|press| press.nodes().len());
-        if state.probe.as_ref().map(|(_, touching)| touching.len()) != candidates {
-            return Err(StepError::Foreign("its probe has other candidates".to_owned()));
-        }
+        let state = State::deserialize(&saved.0).map_err(foreign)?;
+        state.check(&self.adaptation, self.press.as_ref())?;
         self.move_nodes(&state.moved)?;
         self.line.clone_from(&state.line);
         self.entry = state.entry.map(|(point_mm, direction)| Entry {
@@ -101,16 +175,38 @@ impl Finite {
         Ok(())
     }
 
-    /// Puts the reference nodes where a saved state had them.
+    /// Puts the reference nodes where a saved state had them, or leaves them where they are.
     fn move_nodes(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
-        let foreign = |error: &dyn std::fmt::Display| StepError::Foreign(error.to_string());
-        while self.adaptation.undo().map_err(|error| foreign(&error))?.is_some() {}
+        // Most of what can be wrong shows without the compliance.
+        let mut trial = self.adaptation.mesh().clone();
+        while trial.undo().map_err(foreign)?.is_some() {}
         for (node, place) in moved {
-            self.adaptation
-                .move_node(*node, *place)
-                .map_err(|error| foreign(&error))?;
+            trial.move_node(*node, *place).map_err(foreign)?;
+        }
+        let before = self.moved();
+        let result = self.try_moves(moved);
+        if result.is_err() {
+            let back = self.try_moves(&before);
+            debug_assert!(back.is_ok(), "they were possible before: {back:?}");
+            self.start_anew();
+        }
+        result
+    }
+
+    /// Puts the reference nodes where they are at rest but for those named, up to the first that cannot be.
+    fn try_moves(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
+        while self.adaptation.undo().map_err(foreign)?.is_some() {}
+        for (node, place) in moved {
+            self.adaptation.move_node(*node, *place).map_err(foreign)?;
         }
         Ok(())
+    }
+
+    /// Which nodes are not where they are at rest, and where they are.
+    fn moved(&self) -> Vec<(u32, [f64; 3])> {
+        let mesh = self.adaptation.mesh();
+        let away = mesh.away().iter();
+        away.map(|node| (*node, mesh.nodes()[*node as usize])).collect()
     }
 
     /// Computes anew all that is derived from the state.
