@@ -11,7 +11,7 @@ use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 /// Rings of candidates of which one is kept; the first has all.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
 
-const FACTORS: [Factor; 1] = [factor("every", "rings kept")];
+const FACTORS: [Factor; 1] = [factor("every", "one ring of every")];
 
 const AXES: [Axis; 4] = [
     Axis::linear("candidates", "candidates", "candidates of the probe"),
@@ -28,15 +28,6 @@ const AXES: [Axis; 4] = [
     Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
 ];
 
-fn kept(every: usize) -> String {
-    match every {
-        1 => "all".to_owned(),
-        2 => "every 2nd".to_owned(),
-        3 => "every 3rd".to_owned(),
-        _ => format!("every {every}th"),
-    }
-}
-
 pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
     let mut table = Table::new(
         "thinning",
@@ -47,7 +38,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     .against("every candidate kept")
     .seeking(
         Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
-            .choosing("rings of the probe's candidates that are kept")
+            .choosing("candidates of the probe")
             .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
     );
@@ -83,9 +74,9 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
             most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
         ];
         let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
-        table.push(vec![kept(every)], values, None);
+        table.push(vec![every.to_string()], values, None);
     }
-    table.mark_gold("every", &kept(EVERY[0]));
+    table.mark_gold("every", &EVERY[0].to_string());
     let figure = points(
         "insertion-thinning",
         "Thinning the probe's candidates",
