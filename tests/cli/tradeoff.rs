@@ -121,6 +121,7 @@ fn insertions_are_studied_part_by_part() {
     assert_eq!(
         bench.files("study"),
         [
+            "index.html",
             "insertion-links.png",
             "insertion-links.svg",
             "insertion-thinning.png",
