@@ -149,7 +149,7 @@ impl Choice {
                 short(ms)
             ),
         };
-        if let Some(errors) = &costs.errors {
+        if let Some(errors) = costs.errors.as_ref().filter(|_| self.error > 0.0) {
             why += &format!(", off by {:.2} {errors}", self.error);
         }
         if let Some((better, ms)) = &self.better {

@@ -112,6 +112,8 @@ impl StepCosts {
             let name = move |row: &Row| {
                 let name = match row.choices[0].as_str() {
                     "exact condensed" => "exact",
+                    // It shows what remeshing is worth, and errs the more the farther a needle goes.
+                    "IV" => return None,
                     other => other,
                 };
                 (row.choices[1] == probe).then(|| format!("\"{name}\""))
