@@ -130,9 +130,10 @@ impl Error {
             Self::BeamCase(error) => error.is_machine(),
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
+            Self::Phantom(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
-            Self::Synth(SynthError::Memory { .. }) => true,
+            Self::Synth(SynthError::Memory(_)) => true,
             Self::Study(error) => error.is_machine(),
             Self::Image(error) => error.is_machine(),
             Self::Compare(error) => error.is_machine(),
@@ -145,7 +146,6 @@ impl Error {
             | Self::Tissue(_)
             | Self::Puncture(_)
             | Self::Completion(_)
-            | Self::Phantom(_)
             | Self::Generate(_)
             | Self::Synth(_) => false,
         }

@@ -39,7 +39,7 @@ pub mod error;
 pub mod gpu;
 pub mod material_case;
 pub mod mechanics;
-mod memory;
+pub mod memory;
 pub mod output;
 pub mod phantom;
 pub mod plan;

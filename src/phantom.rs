@@ -18,6 +18,7 @@ use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::memory::TooLarge;
 use crate::volume::{InvalidVolume, LabelVolume};
 
 /// Finest and coarsest resolution, mm.
@@ -79,9 +80,19 @@ pub enum PhantomError {
         /// [`MAX_VOXELS`].
         limit: usize,
     },
+    /// The volume needs more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
     /// The parts do not make a volume.
     #[error(transparent)]
     Volume(#[from] InvalidVolume),
+}
+
+impl PhantomError {
+    /// Whether the machine failed rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Memory(_))
+    }
 }
 
 /// Makes a phantom. The same kind, resolution and seed give the same bytes at any thread count.

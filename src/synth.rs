@@ -14,6 +14,7 @@ use crate::effects::pass::Resource;
 use crate::effects::{OutOfRange, needle};
 use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
+use crate::memory::TooLarge;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
 use crate::volume::InvalidVolume;
@@ -47,19 +48,9 @@ pub enum SynthError {
     /// Node positions that do not match the mesh.
     #[error(transparent)]
     Nodes(#[from] NodeCount),
-    /// More memory than the machine has to spare.
-    #[error(
-        "a frame of this size takes {} MiB of memory, and {} MiB are to be had; ask for fewer pixels, scanlines, samples or \
-         sub-planes",
-        needed >> 20,
-        available >> 20
-    )]
-    Memory {
-        /// Bytes that it takes.
-        needed: u64,
-        /// Bytes that the system can give.
-        available: u64,
-    },
+    /// More memory than there is.
+    #[error("{0}; ask for fewer pixels, scanlines, samples or sub-planes")]
+    Memory(#[from] TooLarge),
     /// A pose with numbers that are not finite, or that is singular.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
@@ -350,30 +341,6 @@ impl Synthesizer {
             Executor::Cpu(cpu) => cpu.store.bytes() as u64,
             Executor::CpuF64(cpu) => cpu.store.bytes() as u64,
             Executor::Gpu(gpu) => gpu.bytes(),
-        }
-    }
-}
-
-/// Refuses what would not fit the memory, before anything of it is taken. Where the system does not tell, nothing is refused.
-fn check_memory(needed: u64) -> Result<(), SynthError> {
-    match crate::memory::available().map(|bytes| bytes as u64) {
-        Some(available) if needed > available => Err(SynthError::Memory { needed, available }),
-        _ => Ok(()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::error::Error;
-
-    #[test]
-    fn what_exceeds_the_memory_is_refused_as_the_machines_failure() {
-        assert!(check_memory(0).is_ok());
-        if crate::memory::available().is_some() {
-            let error = check_memory(u64::MAX).unwrap_err();
-            assert!(error.to_string().contains("fewer pixels"), "{error}");
-            assert_eq!(Error::from(error).exit_status(), crate::error::MACHINE);
         }
     }
 }

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::PhantomError;
 use super::dent::Dent;
 use super::geometry::{Bounds, Point, Shape};
+use crate::memory;
 use crate::volume::{Label, LabelVolume};
 
 /// Which labels a layer may paint over.
@@ -84,6 +85,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
                 limit: super::MAX_VOXELS,
             });
         }
+        memory::check(count as u64, &format!("a phantom of {} x {} x {} voxels", size[0], size[1], size[2]))?;
         let grid = Grid {
             size,
             first: world.min.add_scalar(resolution_mm / 2.0),

@@ -108,9 +108,8 @@ impl ScenarioError {
     pub fn is_machine(&self) -> bool {
         match self.problem() {
             Wrong::Text(error) => error.is_machine(),
-            Wrong::Scene(Problem::Text(error)) => error.is_machine(),
-            Wrong::Scene(Problem::Volume(error)) => error.is_machine(),
-            Wrong::Scene(Problem::MeshFile(error)) | Wrong::MeshFile(error) => error.is_machine(),
+            Wrong::Scene(problem) => problem.is_machine(),
+            Wrong::MeshFile(error) => error.is_machine(),
             _ => false,
         }
     }

@@ -125,10 +125,18 @@ pub enum Problem {
 impl SceneError {
     /// Whether the machine failed rather than the scene: a file that is there cannot be read.
     pub fn is_machine(&self) -> bool {
-        match self.problem() {
-            Problem::Text(error) => error.is_machine(),
-            Problem::Volume(error) => error.is_machine(),
-            Problem::MeshFile(error) => error.is_machine(),
+        self.problem().is_machine()
+    }
+}
+
+impl Problem {
+    /// Whether the machine failed rather than the scene.
+    pub(crate) fn is_machine(&self) -> bool {
+        match self {
+            Self::Text(error) => error.is_machine(),
+            Self::Phantom(error) => error.is_machine(),
+            Self::Volume(error) => error.is_machine(),
+            Self::MeshFile(error) => error.is_machine(),
             _ => false,
         }
     }

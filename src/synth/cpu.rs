@@ -4,8 +4,9 @@ use std::time::Instant;
 
 use super::store::Store;
 use super::tables::Tables;
-use super::{FrameState, PassTime, SynthError, check_memory};
-use crate::effects::pass::{Pass, View};
+use super::{FrameState, PassTime, SynthError};
+use crate::effects::pass::{Access, Pass, View};
+use crate::memory;
 use crate::plan::{Plan, PlannedPass};
 use crate::real::Real;
 
@@ -51,9 +52,14 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Adapts the memory to a changed plan; an error if the machine has too little to spare.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+        let written = |resource| {
+            let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
+            bindings.any(|binding| *binding == (resource, Access::Write))
+        };
+        let resources = plan.resources.iter().filter(|planned| written(planned.resource));
         // The plan counts numbers of 4 bytes.
-        let needed = plan.bytes() * (size_of::<T>() / size_of::<f32>()) as u64;
-        check_memory(needed.saturating_sub(self.store.bytes() as u64))?;
+        let needed = resources.map(|planned| planned.bytes).sum::<u64>() * (size_of::<T>() / size_of::<f32>()) as u64;
+        memory::check(needed.saturating_sub(self.store.bytes() as u64), "a frame")?;
         self.store.fit(plan, tables);
         self.times.reserve_exact(plan.passes.len());
         Ok(())

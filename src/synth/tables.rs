@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 
 use super::local_origin::LocalOrigin;
-use super::{SynthError, check_memory};
+use super::SynthError;
 use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
@@ -17,6 +17,7 @@ use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
 use crate::effects::{Effects, texture};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::pack::WarpCapacities;
+use crate::memory;
 use crate::real::Numbers;
 use crate::tissue::TissueTable;
 use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
@@ -126,7 +127,7 @@ impl Tables {
         settings.effects.validate()?;
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
-        check_memory(least_bytes(&grid, &settings))?;
+        check_memory(&grid, &settings)?;
         let origin = LocalOrigin::of(&anatomy.volume);
         let mut tables = Self {
             origin,
@@ -171,7 +172,7 @@ impl Tables {
             self.grid.clone()
         };
         let image_grid = image_grid(&grid, &new.image)?;
-        check_memory(least_bytes(&grid, new))?;
+        check_memory(&grid, new)?;
         let speckle = probe || old.effects.speckle != new.effects.speckle;
         let blur = probe || old.effects.blur != new.effects.blur;
         let shadow = probe || old.effects.shadow != new.effects.shadow;
@@ -414,16 +415,14 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
     Ok(ImageGrid::fit(grid, image.width, image.height, image.margin)?)
 }
 
-/// Bytes that any frame of this size takes: the map of its pixels, and a position and an amplitude a sample.
-fn least_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
-    let pixels = (settings.image.width * settings.image.height) as u64;
-    let planes = settings
-        .effects
-        .thickness
-        .as_ref()
-        .map_or(1, |thickness| u64::from(thickness.planes));
+/// Refuses a frame that the memory does not hold before any of it is taken: map, grey levels and bytes of its pixels, the copy
+/// that is handed out, and a position, an amplitude and a label a sample.
+fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
+    let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
+    let planes = effects.thickness.as_ref().map_or(1, |thickness| u64::from(thickness.planes));
     let samples = (grid.lines() * grid.samples()) as u64;
-    8 * pixels + 20 * samples * planes
+    let what = format!("a frame of {width} x {height} pixels from {} x {} samples", grid.lines(), grid.samples());
+    Ok(memory::check(14 * (width * height) as u64 + 21 * samples * planes, &what)?)
 }
 
 fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {

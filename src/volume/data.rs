@@ -9,6 +9,7 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 use super::element::{ByteOrder, Element};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
+use crate::memory;
 
 /// Bytes unpacked past the last that is needed, in search of the checksum at the end.
 pub(crate) const MAX_EXCESS: u64 = 64 << 20;
@@ -19,7 +20,7 @@ const CHUNK: usize = 64 << 10;
 /// Reads the numbers of an image: exactly the bytes that its sizes and element type need. Text is stored in
 /// little-endian order, which the header then says.
 pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
-    let (_, expected) = header.extent()?;
+    let (count, expected) = header.extent()?;
     let place = header.data.clone();
     let fail = |cause| VolumeError::read(&place.path, cause);
     let file = File::open(&place.path).map_err(fail)?;
@@ -34,6 +35,13 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
     }
     let begin = reader.stream_position().map_err(fail)?;
     let stored = end.saturating_sub(begin);
+    // Data that are not all there are reported as such. Of each number at least a byte is made.
+    let readable = match place.encoding {
+        Encoding::Raw | Encoding::Text => stored.min(expected as u64),
+        _ => expected as u64,
+    };
+    memory::check(readable.saturating_add(count as u64), &format!("an image of {}", header.sizes()))
+        .map_err(|error| fail(error.into()))?;
     match place.encoding {
         Encoding::Raw => raw(header, &mut reader, begin, stored, expected),
         Encoding::Text => text(header, &mut reader, begin, stored),
@@ -167,7 +175,7 @@ fn unpack(
     let mut sink = Sink {
         skip,
         wanted: expected,
-        kept: Vec::new(),
+        kept: Vec::with_capacity(expected),
         excess: 0,
     };
     loop {

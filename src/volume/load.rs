@@ -8,6 +8,7 @@ use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
 use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
+use crate::memory;
 
 /// A label volume and what to tell the user about it.
 #[derive(Clone, Debug)]
@@ -49,6 +50,9 @@ pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let mut header = read_header(path)?;
     let grid = header.grid()?;
     let bytes = data::read(&mut header)?;
+    let voxels = grid.size.iter().product::<usize>() as u64;
+    memory::check(voxels * size_of::<f32>() as u64, &format!("a texture of {}", header.sizes()))
+        .map_err(|error| VolumeError::read(path, error.into()))?;
     let values = with_sample!(header.element()?, T => bytes
         .chunks_exact(<T as Sample>::BYTES)
         .map(|number| {
