@@ -2,7 +2,7 @@
 //!
 //! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`Case::run`] follows the history (see
 //! [`mechanics::tissue::viscoelastic::point`](crate::mechanics::tissue::viscoelastic::point)). [`rheometer`] puts the material
-//! through the measurements of paper 3. Errors point at the line.
+//! through the measurements of Kobayashi et al. 2010. Errors point at the line.
 //!
 //! ```
 //! use insonify::material_case::CaseFile;

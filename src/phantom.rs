@@ -40,10 +40,10 @@ pub enum Phantom {
     Prostate,
     /// Lumbar spine L2 to L5 with the muscles behind it. 160 x 130 x 170 mm, 0.8 mm voxels by default.
     Spine,
-    /// The inclusion phantom of paper 3: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
+    /// The inclusion phantom of Dehghan et al. 2008: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
     /// 0.5 mm voxels by default.
     TwoLayer,
-    /// A liver that lies bare, its inferior vena cava across the image, after the experiment of the liver paper.
+    /// A liver that lies bare, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010.
     /// 110 x 74 x 48 mm, 0.5 mm voxels by default.
     LiverVein,
 }
@@ -138,7 +138,7 @@ pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
 /// - prostate: transrectal, transverse, radius 10 mm, in the middle of the gland.
 /// - spine: curvilinear, radius 60 mm, 60 degrees, depth 100 mm, sagittal over the laminae, from behind, feet on the right.
 ///   The skin bears the dent of this probe.
-/// - two-layer: linear, 38 mm wide, depth 75 mm, on the face opposite to that where the needle enters (paper 3, "Experimental
+/// - two-layer: linear, 38 mm wide, depth 75 mm, on the face opposite to that where the needle enters (Dehghan et al. 2008, "Experimental
 ///   setup").
 /// - liver-vein: curvilinear, radius 20 mm, 75 degrees, depth 62 mm, on the capsule, the vein across the image.
 pub fn default_pose(kind: Phantom) -> Matrix4<f64> {

@@ -36,7 +36,7 @@ Examples:
   insonify beam case.toml --json | jq .com_mm
   insonify beam inverse case.toml --com-mm 40      the base motion that puts the centre of motion there
   insonify beam fit points.csv                     materials from measured stretch and stress
-  insonify beam table                              Table I of the paper beside this program's values
+  insonify beam table                              Table I of Wang et al. 2023 beside this program's values
   insonify tradeoff beam                           what elements, friction and the choice of model do to the tip
   insonify schema beam                             every key, as a JSON schema
 
@@ -44,6 +44,8 @@ x runs along the needle from the entry (x = 0) into the tissue, u across it. RCM
 tangent at the base meets the undeflected needle. COM, the centre of motion: where the needle first is where it was. Both are
 depths below the entry, mm. JSON: tip_mm, rcm_mm, com_mm (null if none), residual (largest moment out of balance over the
 largest moment), iterations, shape (list of x mm, u mm, slope, reaction N/mm).
+Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation
+Letters 8 (2023) 1343-1350.
 Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 what the machine could not do.";
 
 /// Bends a needle in hyperelastic tissue by moving its base

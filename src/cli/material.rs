@@ -23,13 +23,15 @@ Examples:
   insonify material creep.toml                     time, strain and stress as a table
   insonify material creep.toml -o creep.svg        what answers, against time
   insonify material creep.toml --json | jq .strain
-  insonify material creep.toml --rheometer tests   the measurements of paper 3 on this material: moduli, creep, stiffness
+  insonify material creep.toml --rheometer tests   the measurements of Kobayashi et al. 2010 on this material: moduli, creep, stiffness
   insonify schema material                         every key, as a JSON schema
 
 The history is linear between its times and may jump at the start, where the material was at rest. In between, steps are
 halved until the answer settles to 1e-7 of its largest value, as far as a rule affords; the table says how far it did.
 Gruenwald and Letnikov's rule takes equally spaced times only.
 A stress that is infinite, at a jump of strain in a spring-pot, is null in JSON.
+Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
+simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.
 Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not do.";
 
 /// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
@@ -48,7 +50,7 @@ pub struct Material {
     /// Plot what answers against time
     #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
-    /// Put the material through the measurements of paper 3 in place of its history: plots, one SVG file each
+    /// Put the material through the measurements of Kobayashi et al. 2010 in place of its history: plots, one SVG file each
     #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
     rheometer: Option<PathBuf>,
 }

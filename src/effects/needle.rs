@@ -1,4 +1,4 @@
-//! Needle: the echo of the shaft where it crosses the thickened scan plane (paper 1, section 2.3), and of seeds beside it.
+//! Needle: the echo of the shaft where it crosses the thickened scan plane (Zhu et al. 2007, section 2.3), and of seeds beside it.
 //!
 //! The brightness of a sample is the share of the plane's thickness, by default the needle's diameter, that the shaft
 //! fills there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent

@@ -1,4 +1,4 @@
-//! Noise: additive zero-mean Gaussian per pixel and frame, on grey levels after scan conversion (paper 1, section 2.4).
+//! Noise: additive zero-mean Gaussian per pixel and frame, on grey levels after scan conversion (Zhu et al. 2007, section 2.4).
 //!
 //! A normal deviate is the sum of twelve bytes of a hash of pixel, frame and seed, shifted and scaled: integers until the
 //! last step, so that both backends draw the same noise. The sum of twelve uniform numbers departs from a Gaussian only

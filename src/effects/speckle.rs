@@ -6,7 +6,7 @@
 //! (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The
 //! envelope is the modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over
 //! standard deviation 1.91; Wagner et al., IEEE Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the
-//! reference state the pattern moves with the tissue. It is the speckle model that paper 1 stands in for by noise.
+//! reference state the pattern moves with the tissue. It is the speckle model that Zhu et al. 2007 stand in for by noise.
 //!
 //! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
 

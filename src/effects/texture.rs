@@ -1,4 +1,4 @@
-//! Texture: the echo amplitude of a tissue's solid texture (paper 1, section 2.1), trilinear and without seams.
+//! Texture: the echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), trilinear and without seams.
 //!
 //! Texture coordinates are the reference position turned and scaled as the tissue says, so that textures move with the
 //! tissue; like all places that passes see they count from the local origin ([`crate::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is 1.

@@ -1,4 +1,4 @@
-//! Warp: from where a sample is now to where its tissue was in the reference state (paper 1, section 2.2).
+//! Warp: from where a sample is now to where its tissue was in the reference state (Zhu et al. 2007, section 2.2).
 //!
 //! Every later look-up, of labels, textures and scatterers, happens in the reference state. See
 //! [`crate::mechanics::mesh::map`] for the point location and what happens outside the mesh.

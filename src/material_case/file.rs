@@ -57,7 +57,7 @@ pub enum StructureName {
     /// G(strain) d^k strain / dt^k = stress, as the material is measured.
     #[default]
     Rate,
-    /// G(strain) strain = integral of order k of the stress, as paper 3 solves structures.
+    /// G(strain) strain = integral of order k of the stress, as Kobayashi et al. 2010 solve structures.
     LoadIntegral,
 }
 

@@ -1,4 +1,4 @@
-//! The measurements of paper 3 (section 3.1) on a material: a sine at many frequencies (figure 7), creep at many stresses
+//! The measurements of Kobayashi et al. 2010 (section 3.1) on a material: a sine at many frequencies (figure 7), creep at many stresses
 //! (section 3.1.2), and the stiffness that creep shows against strain (figure 8).
 
 use std::f64::consts::TAU;
@@ -38,7 +38,7 @@ pub struct Stiffness {
     pub structure: Structure,
     /// Shear strain after [`HELD_S`].
     pub strain: f64,
-    /// G that equation 2 of the paper gives for it, kPa.
+    /// G that equation 2 of Kobayashi et al. 2010 give for it, kPa.
     pub found_kpa: f64,
     /// G at this strain, kPa.
     pub law_kpa: f64,
@@ -57,7 +57,7 @@ pub struct Rheometer {
 
 /// How long creep is looked at, s.
 pub const HELD_S: f64 = 100.0;
-/// Amplitude of the sine of strain: 3 %, as in the paper.
+/// Amplitude of the sine of strain: 3 %, as in Kobayashi et al. 2010.
 const AMPLITUDE: f64 = 0.03;
 const FREQUENCIES: usize = 13;
 /// Periods of a sine: what is left of its start then is under 1e-4 of it.
@@ -67,7 +67,7 @@ const CURVES: usize = 5;
 const STRESSES: usize = 16;
 
 impl Case {
-    /// Measures the material. Only its knee and its structure count for creep; the sine is as small as in the paper.
+    /// Measures the material. Only its knee and its structure count for creep; the sine is as small as in Kobayashi et al. 2010.
     ///
     /// # Errors
     /// [`MaterialCaseError`] where stress or strain leaves the range of numbers.

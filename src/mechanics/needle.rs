@@ -2,7 +2,7 @@
 //!
 //! Arcs are lengths along the undeformed shaft from its base (0, where the hand holds it) to its tip. The base frame has z
 //! along the undeformed shaft towards the tip and x to the side that a bevel deflects to; the roll of the base turns the bevel,
-//! for torsion is neglected (haptic simulator paper, section III-B).
+//! for torsion is neglected (Goksel et al. 2011, section III-B).
 
 pub mod beam;
 mod bending;

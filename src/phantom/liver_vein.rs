@@ -1,7 +1,7 @@
-//! A liver that lies bare, with its inferior vena cava across the image, after the in-vivo experiment of the liver paper
+//! A liver that lies bare, with its inferior vena cava across the image, after the in-vivo experiment of Kobayashi et al. 2010
 //! (section 4.2.1): the needle goes beside the probe through the capsule and into the vein.
 //!
-//! The paper gives no lengths; a cava of 22 x 13 mm, its middle 28 mm below the capsule, is that of a pig or a slim adult. The capsule
+//! Kobayashi et al. 2010 give no lengths; a cava of 22 x 13 mm, its middle 28 mm below the capsule, is that of a pig or a slim adult. The capsule
 //! is the plane y = 0; what is above it, where the rim of a curved probe does not reach the liver, is background, as of saline.
 
 use nalgebra::Matrix4;

@@ -20,7 +20,7 @@ use crate::volume::LabelVolume;
 /// How much longer than the way of the tip the cylinder is where a scenario states no length: its far end is fixed.
 const BEYOND: f64 = 1.25;
 
-/// The cylinder of masses and springs around the path of the needle (training system paper, section 2.2). Its side and its far end
+/// The cylinder of masses and springs around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end
 /// are fixed; tissue in it is one material throughout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]

@@ -45,9 +45,9 @@ pub enum NeedleModel {
     /// A straight line.
     #[default]
     Rigid,
-    /// A straight line that turns away from the hand the deeper it is (training system paper).
+    /// A straight line that turns away from the hand the deeper it is (Zhu et al. 2007).
     Constrained,
-    /// Rigid links joined by angular springs (haptic simulator paper).
+    /// Rigid links joined by angular springs (Goksel et al. 2011).
     Springs,
     /// A beam: Hermite elements that turn with the needle.
     Beam,

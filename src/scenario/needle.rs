@@ -11,7 +11,7 @@ use crate::scene::{NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
 
-/// Length and diameter of the haptic simulator paper's needle, mm.
+/// Length and diameter of the needle of Goksel et al. 2011, mm.
 const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
 /// Stiffness of its joints, N mm for each degree, and the length of its links, mm.
 const KAPPA_NMM_PER_DEG: f64 = 10.7;

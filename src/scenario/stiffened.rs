@@ -39,7 +39,7 @@ pub struct StepSolverSpec {
 pub struct TissueViscositySpec {
     /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
     pub order: Option<f64>,
-    /// What remembers. Default `load-integral`, the liver paper's.
+    /// What remembers. Default `load-integral`, that of Kobayashi et al. 2010.
     pub law: Option<LawName>,
     /// Bound of the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
     pub tolerance: Option<f64>,

@@ -12,7 +12,7 @@ use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
-/// Nodes of a mesh made from the scene's volume where a scenario states none: those of the haptic simulator paper.
+/// Nodes of a mesh made from the scene's volume where a scenario states none: those of Goksel et al. 2011.
 pub const DEFAULT_NODES: u32 = 3300;
 
 /// How tissue yields.
@@ -54,13 +54,13 @@ pub struct TissueSpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TissueModel {
-    /// Linear finite elements, remeshed at the tip (haptic simulator paper).
+    /// Linear finite elements, remeshed at the tip (Goksel et al. 2011).
     #[default]
     FiniteElement,
-    /// Masses and springs in a cylinder around the path of the needle (training system paper).
+    /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007).
     MassSpring,
     /// Finite elements that stiffen above a knee of strain (`knee_strain` and `stiffening` of a material), pushed, punctured and cut by
-    /// a rigid needle that goes straight (liver paper).
+    /// a rigid needle that goes straight (Kobayashi et al. 2010).
     Nonlinear,
     /// As `nonlinear`, and viscous of a fractional order.
     Viscoelastic,

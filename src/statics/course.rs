@@ -51,7 +51,7 @@ impl Default for SolverSpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SchemeName {
-    /// One solve a step with the paper's scalar tangent; no iterations: the error falls with `step_s`.
+    /// One solve a step with Kobayashi et al.'s scalar tangent; no iterations: the error falls with `step_s`.
     Euler,
     /// Iterations with a factor that is kept as long as it serves.
     ModifiedNewton,
@@ -86,7 +86,7 @@ impl Default for ViscositySpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LawName {
-    /// K(U) U is the integral of order k of the loads: the liver paper's.
+    /// K(U) U is the integral of order k of the loads: that of Kobayashi et al. 2010.
     #[default]
     LoadIntegral,
     /// K(U) times the derivative of order k of U is the loads.
@@ -97,7 +97,7 @@ pub enum LawName {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RuleName {
-    /// Product rectangle, first order, the liver paper's.
+    /// Product rectangle, first order, that of Kobayashi et al. 2010.
     Rectangle,
     /// Product trapezoid, second order.
     Trapezoid,

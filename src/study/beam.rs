@@ -1,4 +1,4 @@
-//! Table I of the flexible needle bending model paper: remote centres of motion (RCM) and centres of motion (COM) of a steel
+//! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a steel
 //! needle of 1 mm in a phantom and in porcine muscle, beside this program's values.
 
 use super::machine::Machine;
@@ -7,18 +7,18 @@ use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
-/// Length of the tissue before compression, mm: assumed, for the paper does not say its own.
+/// Length of the tissue before compression, mm: assumed, for Wang et al. 2023 do not say its own.
 pub const INITIAL_LENGTH_MM: f64 = 50.0;
-/// Displacements of the base, mm: the paper's stage moves as far to either side, which gives the same centres.
+/// Displacements of the base, mm: Wang et al.'s stage moves as far to either side, which gives the same centres.
 pub const DISPLACEMENTS_MM: [f64; 6] = [2.5, 5.0, 7.5, 10.0, 12.5, 15.0];
 /// Inserted depths, mm.
 pub const DEPTHS_MM: [f64; 3] = [20.0, 40.0, 60.0];
 /// Distances from the base to the entry, mm.
 pub const CONTROLS_MM: [f64; 2] = [20.0, 40.0];
-/// The paper's elements, mm.
+/// Wang et al.'s elements, mm.
 pub const ELEMENT_MM: f64 = 1.0;
 
-/// A tissue of the paper.
+/// A tissue of Wang et al. 2023.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tissue {
     /// Its name there.
@@ -61,7 +61,7 @@ const PUBLISHED: [[[[f64; 3]; 3]; 2]; 2] = [
     ],
 ];
 
-/// The paper's needle in one layer.
+/// Wang et al.'s needle in one layer.
 pub fn problem(
     material: Material,
     compression: Compression,
@@ -106,12 +106,20 @@ pub fn table_one() -> Result<Study, BeamError> {
     ];
     let axes = [
         axis("inserted", "l", "inserted depth, mm"),
-        axis("rcm_published_mm", "RCM paper", "RCM as measured, mm"),
+        axis("rcm_published_mm", "RCM published", "RCM as measured, mm"),
         axis("rcm_natural_mm", "RCM free", "RCM of a free base, mm"),
         axis("com_measured_mm", "COM measured", "COM as measured, mm"),
-        axis("com_published_mm", "COM paper", "COM as simulated in the paper, mm"),
+        axis(
+            "com_published_mm",
+            "COM published",
+            "COM as simulated by Wang et al. 2023, mm",
+        ),
         axis("com_mm", "COM here", "COM, mm"),
-        axis("difference_mm", "difference", "COM here less COM of the paper, mm"),
+        axis(
+            "difference_mm",
+            "difference",
+            "COM here less COM of Wang et al. 2023, mm",
+        ),
     ];
     let mut table = Table::new(
         "table-one",
@@ -143,7 +151,7 @@ pub fn table_one() -> Result<Study, BeamError> {
         joined: false,
         ..Figure::new(
             "beam-table-one",
-            "COM against the paper's simulation",
+            "COM against Wang et al.'s simulation",
             "table-one",
             ["com_published_mm", "com_mm"],
             "tissue",
@@ -151,7 +159,7 @@ pub fn table_one() -> Result<Study, BeamError> {
     };
     Ok(Study {
         name: "beam-table-one",
-        title: "Table 1 of the flexible needle bending model paper",
+        title: "Table 1 of Wang et al. 2023",
         about: vec![
             ("needle", "steel, 200 GPa, 1 mm".to_owned()),
             ("PVC", "Ogden, mu 12.72 kPa, alpha -1, UEng".to_owned()),

@@ -27,7 +27,7 @@ pub const BEVEL: Bevel = Bevel {
     length_mm: 10.0,
 };
 
-/// Length of the links of a needle of springs in the haptic simulator paper, mm.
+/// Length of the links of a needle of springs in Goksel et al. 2011, mm.
 pub const LINK_MM: f64 = 10.0;
 
 /// Cells that mirror each other over a block, one region 0: planes between them are planes of symmetry.

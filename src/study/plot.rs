@@ -277,6 +277,11 @@ impl Plot {
                 ([5, 7], [13, 13])
             }
         };
+        let smallest = |axis: &Axis, range: std::ops::Range<f64>| match axis.log {
+            true => 0.0,
+            false => ROUNDED * (range.end - range.start),
+        };
+        let smallest = [smallest(&self.x, x.range()), smallest(&self.y, y.range())];
         let mut chart = builder.build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
@@ -287,8 +292,8 @@ impl Plot {
             .y_labels(labels[1])
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
-            .x_label_formatter(&|value| number(*value))
-            .y_label_formatter(&|value| number(*value))
+            .x_label_formatter(&|value| number(*value, smallest[0]))
+            .y_label_formatter(&|value| number(*value, smallest[1]))
             .axis_desc_style(("sans-serif", lettering[0]))
             .label_style(("sans-serif", lettering[1]))
             .draw()?;
@@ -362,9 +367,12 @@ where
     }
 }
 
-/// A number on an axis: short, with a power of ten where it is long.
-fn number(value: f64) -> String {
-    if value == 0.0 {
+/// Share of a linear axis below which a tick is the rounding error of zero.
+const ROUNDED: f64 = 1e-9;
+
+/// Label of a tick: short, in scientific notation where it would be long, and 0 up to `smallest`.
+fn number(value: f64, smallest: f64) -> String {
+    if value.abs() <= smallest {
         return "0".to_owned();
     }
     let exponent = value.abs().log10().floor();

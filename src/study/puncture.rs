@@ -1,7 +1,7 @@
 //! A needle goes into a slice of liver with a vein: force over its way, and how the vein flattens before it is punctured.
 //!
 //! After figures 11 and 12 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. Of the tissue the paper gives G = 400 Pa below
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. Of the tissue Kobayashi et al. 2010 give G = 400 Pa below
 //! a shear of 0.35 (in vitro), order 0.1 and 5 mm/s; it says that tissue in vivo is harder and that E0, e0 and a were fitted by hand to
 //! a measured force, without their values. The modulus, a, the thickness of the slice and the forces of membranes here are
 //! therefore choices, made for a curve of the shape of figure 12: none is a measurement.

@@ -55,7 +55,7 @@ fn schemes_are_measured_and_full_newton_is_exact() {
         row["error"].as_f64().expect("an error")
     };
     assert!(error("full Newton") < 1e-12, "{json}");
-    assert!((1e-4..0.2).contains(&error("Euler (paper)")), "{json}");
+    assert!((1e-4..0.2).contains(&error("Euler (Kobayashi 2010)")), "{json}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `insonify beam table`: the paper's Table I.
+//! `insonify beam table`: Table I of Wang et al. 2023.
 
 use clap::Args;
 use insonify::study::beam::table_one;
@@ -6,8 +6,12 @@ use insonify::study::beam::table_one;
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
 
-/// Prints Table I of the paper (centres of motion) beside this program's values
+const SOURCE: &str = "Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation\n\
+Letters 8 (2023) 1343-1350.";
+
+/// Prints Table I of Wang et al. 2023 (centres of motion) beside this program's values
 #[derive(Args)]
+#[command(after_help = SOURCE)]
 pub struct Table {
     #[command(flatten)]
     printed: Printed,

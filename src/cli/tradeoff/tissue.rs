@@ -43,7 +43,7 @@ pub struct Tissue {
     /// A small block and few steps
     #[arg(long)]
     quick: bool,
-    /// The block of the papers' size and as many steps as show where errors end
+    /// The block of Kobayashi et al. 2010s' size and as many steps as show where errors end
     #[arg(long, conflicts_with = "quick")]
     whole: bool,
     #[command(flatten)]
@@ -53,7 +53,7 @@ pub struct Tissue {
 impl Tissue {
     pub fn run(&self) -> Result<(), Failure> {
         let usual = match self.whole {
-            true => TissueOptions::papers(),
+            true => TissueOptions::full(),
             false => TissueOptions::of(super::effort(self.quick)),
         };
         let options = TissueOptions {

@@ -1,5 +1,5 @@
 //! Insertion into tissue of finite elements: contacts with stick and slip, remeshing at the tip, a probe that presses
-//! (haptic simulator paper, sections III to V).
+//! (Goksel et al. 2011, sections III to V).
 
 mod ahead;
 mod contact;

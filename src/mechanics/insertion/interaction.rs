@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
-/// density (peak, width, shaft) of the ultrasound motion estimation paper, section "Needle shaft force distribution". The
+/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". The
 /// shaft density is [`Interaction::friction_n_per_mm`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
@@ -37,7 +37,7 @@ impl Bone {
     }
 }
 
-/// How a needle and one tissue act on each other (haptic simulator paper, section III-A).
+/// How a needle and one tissue act on each other (Goksel et al. 2011, section III-A).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interaction {
     /// Sliding friction for each length of shaft, N/mm (0 or more).

@@ -1,4 +1,4 @@
-//! The probe as a rigid cylinder that tissue slides along (haptic simulator paper, section IV).
+//! The probe as a rigid cylinder that tissue slides along (Goksel et al. 2011, section IV).
 
 use nalgebra::{Isometry3, Vector3};
 

@@ -1,5 +1,5 @@
 //! Tissue as masses and springs in a cylinder around the path of the needle: the light alternative to finite elements of the
-//! training system paper (section 2.2).
+//! Zhu et al. 2007 (section 2.2).
 //!
 //! Before the needle breaks the skin there is no mesh but an [`Anatomy`]: what lies where. The elements of the cylinder are
 //! made with the model and never change; where it lies follows when the tip comes into the body: from the point of entry along
@@ -12,7 +12,7 @@
 //! before the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the needle is moved to
 //! the tip and is the tip node. Drawing the needle back empties the tip, and nodes that come off the needle go home, last
 //! first. The tip pushes its node ahead with the tissue's `cutting_n` at most (`puncture_n` where a surface is met): a node
-//! that needs more slides back along the shaft under that force. With a large `cutting_n` the paper's rule alone decides.
+//! that needs more slides back along the shaft under that force. With a large `cutting_n` Zhu et al.'s rule alone decides.
 //!
 //! A step is cut into equal parts: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
 //! [`Parameters::most_substeps`], and that in none of them base or tip goes farther than half of what the rule of penetration

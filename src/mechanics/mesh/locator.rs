@@ -1,7 +1,7 @@
 //! Point location in a tetrahedral mesh, in its reference or its deformed state.
 //!
 //! A query walks from a starting element towards the point, each time through the face that the point lies farthest beyond,
-//! as the search of the image-warping paper does from the element of the last frame. Where the walk cannot decide (no start,
+//! as the search of Goksel and Salcudean 2009 does from the element of the last frame. Where the walk cannot decide (no start,
 //! the surface in the way, an element that is never hit, a point within rounding of a face, a fold nearby) the list of the
 //! point's grid cell decides: the lowest element that holds the point.
 //!

@@ -1,5 +1,5 @@
 //! The needle as an Euler-Bernoulli beam on a hyperelastic foundation: what happens when the base of a needle that is in tissue
-//! is moved sideways (flexible needle bending model paper, sections II-A and III).
+//! is moved sideways (Wang et al. 2023, sections II-A and III).
 //!
 //! The needle lies along x: its base at `-control_distance_mm`, the point of entry at 0, its tip at the inserted depth. Its
 //! deflection u (mm, across the needle) obeys
@@ -10,7 +10,7 @@
 //!
 //! with displacement and slope prescribed at the base, or displacement alone (the base then turns freely, without moment), and
 //! neither moment nor force at the tip. F is zero outside the tissue, k the tangent modulus of the layer's material in
-//! compression, t0 the length of the tissue before, gamma the friction of the layer. The paper's equation has F without a sign;
+//! compression, t0 the length of the tissue before, gamma the friction of the layer. Wang et al.'s equation has F without a sign;
 //! here F points along u, so that it pushes the needle back.
 //!
 //! | file | what it holds |

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured
 /// one `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the
-/// training system for ultrasound-guided needle insertion that the imaging model follows). That paper gives 0.9, 60 and
+/// training system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and
 /// 0.12 without units: they suit a length in metres, so that bending is free at first and held from about 120 mm on.
 /// Here lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -69,7 +69,7 @@ mod tests {
     fn the_weight_rises_from_free_to_held() {
         let constraint = BendingConstraint::default();
         assert!((constraint.weight(120.0) - 0.45).abs() < 1e-12);
-        // The paper's figures in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).
+        // Zhu et al.'s figures in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).
         assert!((constraint.weight(50.0) - 0.9 / (1.0 + 4.2f64.exp())).abs() < 1e-12);
         assert!(constraint.weight(0.0) < 1e-3 && constraint.weight(220.0) > 0.89);
     }

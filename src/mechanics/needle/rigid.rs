@@ -52,7 +52,7 @@ impl Needle for Rigid {
     }
 }
 
-/// A straight needle whose inserted part is held near the direction in which it entered (training system paper, section
+/// A straight needle whose inserted part is held near the direction in which it entered (Zhu et al. 2007, section
 /// 2.3): from the base straight to the entry point, from there on along the constrained direction for the length that
 /// remains. Straight along the base as long as it is not in the body, or too short to reach the entry point.
 #[derive(Clone, Debug)]

@@ -30,7 +30,7 @@ pub(super) fn check(
 }
 
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from the
-/// haptic simulator paper, section III-C).
+/// Goksel et al. 2011, section III-C).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shaft {
     /// From base to tip, mm (0.1 to 1000).
@@ -60,7 +60,7 @@ impl Shaft {
     }
 }
 
-/// The bevel of a needle's tip, as a tilt of the last part of its centre line (haptic simulator paper, section III-C).
+/// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).
 ///
 /// Tissue is cut at the edge of the tip, which lies off the centre line. What was cut there then slides onto the centre
 /// line, so it is pulled to one side, away from the edge; its elastic answer pushes the needle the other way, towards
@@ -68,7 +68,7 @@ impl Shaft {
 /// last link, which is the side that the needle deflects to: roll of the base steers it, for the shaft has no torsion.
 ///
 /// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is no measure of the needle but is
-/// fitted: the paper finds 0.6 mm for a brachytherapy needle of 0.64 mm radius.
+/// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bevel {
     /// Distance of the tip from the centre line, mm (0 to 5, below `length_mm`). With 0 the needle has no bevel.

@@ -13,7 +13,7 @@ use super::jointed::{Jointed, Resistance};
 use super::shaft::check;
 use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
 
-/// Length of a link for which the paper states the stiffness of its joint, mm.
+/// Length of a link for which Goksel et al. 2011 state the stiffness of its joint, mm.
 pub const LINK_MM: f64 = 10.0;
 
 /// Most links of a needle.
@@ -30,7 +30,7 @@ pub enum Stiffness {
 }
 
 impl Default for Stiffness {
-    /// A brachytherapy needle: 10.7 N mm per degree (haptic simulator paper, section III-B), an EI of 6.13e3 N mm^2.
+    /// A brachytherapy needle: 10.7 N mm per degree (Goksel et al. 2011, section III-B), an EI of 6.13e3 N mm^2.
     /// That is about a quarter of what a solid steel rod of the same radius has.
     fn default() -> Self {
         Stiffness::KappaNmmPerDeg(10.7)
@@ -55,20 +55,20 @@ impl Stiffness {
     }
 }
 
-/// A needle of rigid links joined by universal joints with angular springs (haptic simulator paper, section III-B).
+/// A needle of rigid links joined by universal joints with angular springs (Goksel et al. 2011, section III-B).
 ///
 /// Each joint turns by the torque of all forces between it and the tip, without its part along the shaft, over the
 /// stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along
 /// the shaft by these rotations alone.
 ///
-/// The paper takes the levers x - x_k from the shape before and damps what comes out: forces along the shaft multiply what is left
+/// Goksel et al. 2011 take the levers x - x_k from the shape before and damps what comes out: forces along the shaft multiply what is left
 /// by their share of the one that buckles the needle, and above it nothing settles. Here the shape goes by Newton's method, whose
-/// tangent stiffness knows that levers follow the joints. It ends at the paper's equation, in a few steps.
+/// tangent stiffness knows that levers follow the joints. It ends at Goksel et al.'s equation, in a few steps.
 ///
 /// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are
 /// `h` long but the first and the last, half of it. This is the midpoint rule for the integrals of beam theory:
 /// deflections differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by h^2 / (4 L^2)
-/// of the whole (0.06 % for the paper's 20 links of 10 mm). Joints between the parts, half as stiff at the base, would
+/// of the whole (0.06 % for Goksel et al.'s 20 links of 10 mm). Joints between the parts, half as stiff at the base, would
 /// be the trapezoidal rule: of the same order, with twice the error.
 ///
 /// A joint turns by at most 45 degrees.

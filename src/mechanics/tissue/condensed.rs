@@ -1,5 +1,5 @@
 //! Condensation: the rows and columns K^c of K^-1 at the contact nodes, each in its node's own frame, so that
-//! u^c = K^c f^c (the paper's section II).
+//! u^c = K^c f^c (Goksel et al.'s section II).
 
 use faer::{Mat, MatRef};
 

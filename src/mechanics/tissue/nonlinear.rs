@@ -6,10 +6,10 @@
 //!
 //! Three schemes solve it, increment by increment ([`Scheme`]):
 //!
-//! - Euler steps, the paper's, K_t(U) dU = dF. With the paper's scalar tangent they follow the body exactly only where strain
+//! - Euler steps, Kobayashi et al.'s, K_t(U) dU = dF. With Kobayashi et al.'s scalar tangent they follow the body exactly only where strain
 //!   grows in proportion; with the consistent tangent, or with the balance of forces put right at each increment, they come to
 //!   the body's state with the length of the increments.
-//! - Modified Newton-Raphson, the paper's: iterations with a factor of the scalar tangent that is kept, over increments too,
+//! - Modified Newton-Raphson, Kobayashi et al.'s: iterations with a factor of the scalar tangent that is kept, over increments too,
 //!   until they come closer too slowly.
 //! - Newton-Raphson with the consistent tangent, the derivative of E(e_r) included, which converges quadratically: what the
 //!   others are measured against.

@@ -11,7 +11,7 @@
 //! | [`Level::IV`] | nothing | [`levels`] |
 //! | [`Level::Exact`] | only K^c at the contacts, exactly, from an untouched base inverse | [`exact`] |
 //!
-//! The levels I to IV are those of the haptic simulator paper, section V-B. All of them, and others of their kind, answer to
+//! The levels I to IV are those of Goksel et al. 2011, section V-B. All of them, and others of their kind, answer to
 //! [`Remesher`]; [`adaptation`] keeps one together with its mesh and changes it for another while running.
 //!
 //! | module | what it holds |

@@ -1,7 +1,7 @@
 //! Tissue with a fading memory: fractional integrals and derivatives of a history, step by step.
 //!
 //! A spring-pot holds `G d^k gamma / dt^k = tau`, with `k` from 0 (a spring) to 1 (a dashpot); porcine liver has k of about 0.1
-//! (paper 3, equation 1). What it does depends on all that went before: the integral of order k is
+//! (Kobayashi et al. 2010, equation 1). What it does depends on all that went before: the integral of order k is
 //!
 //! ```text
 //! I^k F (t) = 1 / Gamma(k) * integral from 0 to t of (t - s)^(k-1) F(s) ds
@@ -32,7 +32,7 @@
 //!
 //! While the stiffness K is constant, two ways of putting the memory into `K U = F` are the same:
 //!
-//! - `load-integral`, as paper 3 solves it (equation 12): `K(U) U = I^k F`, each component of the loads integrated by itself. A
+//! - `load-integral`, as Kobayashi et al. 2010 solve it (equation 12): `K(U) U = I^k F`, each component of the loads integrated by itself. A
 //!   driven displacement makes its reaction the unknown: `K(U) U_n = w_0 F_n + history_n`.
 //! - `rate`, as the material is written (equation 4): `K(U) D^k U = F`. In integral form `U = I^k (K(U)^-1 F)`.
 //!

@@ -107,8 +107,20 @@ fn numbers_are_short() {
         (1e5, "1e5"),
     ];
     for (value, text) in cases {
-        assert_eq!(number(value), text);
+        assert_eq!(number(value, 0.0), text);
     }
+}
+
+#[test]
+fn rounding_at_zero_is_labelled_zero() {
+    let mut plot = plot();
+    (plot.x, plot.y) = (Axis::linear("time, s"), Axis::linear("force, N"));
+    plot.front.clear();
+    plot.series.truncate(1);
+    plot.series[0].points = vec![[0.0, -0.3], [3.0, 0.6]];
+    let svg = plot.svg().unwrap();
+    let labels: Vec<&str> = svg.lines().map(str::trim).collect();
+    assert!(labels.contains(&"0") && !svg.contains("e-1"), "{svg}");
 }
 
 /// A logarithmic axis shows powers of ten: there is one in it, however near to each other its values are.

@@ -1,7 +1,7 @@
-//! Modulus, knee and stiffening of the slice that fit a measured force on a needle (section 4.2.2 of the liver paper, which fitted E0,
+//! Modulus, knee and stiffening of the slice that fit a measured force on a needle (section 4.2.2 of Kobayashi et al. 2010, which fitted E0,
 //! e0 and a by hand).
 //!
-//! Only the first push counts, until the force drops, as in the paper. All forces of the slice are in proportion to the modulus: it
+//! Only the first push counts, until the force drops, as in Kobayashi et al. 2010. All forces of the slice are in proportion to the modulus: it
 //! follows from knee and stiffening by linear least squares, and those two are sought by the method of Levenberg and Marquardt, from
 //! the options' on. A curve that does not leave the straight line, or leaves it slowly, does not tell the two apart: the answer says
 //! how well it fits, not that no other would.

@@ -31,7 +31,7 @@ const CLOSING: [f64; 2] = [0.7, 4e3];
 pub struct Liver {
     /// The body.
     pub body: Arc<Sheet>,
-    /// Its dorsal nodes do not move (section 4.2.2 of the paper).
+    /// Its dorsal nodes do not move (section 4.2.2 of Kobayashi et al. 2010).
     pub supports: Supports<2>,
     /// Whether each triangle is in the vein.
     pub vein: Vec<bool>,

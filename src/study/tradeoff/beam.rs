@@ -1,5 +1,5 @@
 //! What the choices in a beam on a hyperelastic foundation do to the needle, and cost: length of elements, friction, and material and
-//! compression model. The last is the study of figures 7 and 8 of the flexible needle bending model paper, where the truth was
+//! compression model. The last is the study of figures 7 and 8 of Wang et al. 2023, where the truth was
 //! measured; here it is this program's own fine solution, so that nothing but the choice differs.
 //! Last, springs and beam as models of a needle in insertion.
 

@@ -5,8 +5,8 @@
 //!
 //! | module | what it compares |
 //! |---|---|
-//! | `levels` | levels of remeshing, a probe moved sideways midway (haptic simulator paper, figures 13c and 14) |
-//! | `bevel` | bevels in a block of PVC: deflection against depth (the same paper, section VI-A) |
+//! | `levels` | levels of remeshing, a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14) |
+//! | `bevel` | bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
 //! | `thinning` | every n-th candidate of the probe |
 //! | `pieces` | lengths of the links of a needle of angular springs, and of the elements of a beam |
 //! | `mesh` | nodes of the mesh |
@@ -80,7 +80,7 @@ impl Part {
 /// What to study, and at what size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InsertionOptions {
-    /// Nodes of the block, about (default 3,300: the detailed model of the haptic simulator paper).
+    /// Nodes of the block, about (default 3,300: the detailed model of Goksel et al. 2011).
     pub nodes: usize,
     /// How deep the needle goes, mm (10 to 80, default 60).
     pub depth_mm: f64,

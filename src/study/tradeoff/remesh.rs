@@ -60,7 +60,7 @@ const GRAIN_MS: f64 = 1e-3;
 pub struct RemeshOptions {
     /// Young's modulus, kPa (default 10).
     pub young_kpa: f64,
-    /// Poisson's ratio (default 0.45, as in the haptic simulator paper).
+    /// Poisson's ratio (default 0.45, as in Goksel et al. 2011).
     pub poisson: f64,
     /// Most moves of one insertion (default 24).
     pub moves: usize,
@@ -100,8 +100,8 @@ impl RemeshOptions {
     }
 }
 
-/// Nodes of the mesh that is studied where no other is asked for; quickly, and wholly: those of the detailed model of the haptic
-/// simulator paper.
+/// Nodes of the mesh that is studied where no other is asked for; quickly, and wholly: those of the detailed model of Goksel et al.
+/// 2011.
 pub const NODES: (usize, usize) = (500, 3300);
 /// Sizes that the report of all studies compares.
 const GATHERED: (&[usize], &[usize]) = (&[500], &[500, 1500, 3300]);

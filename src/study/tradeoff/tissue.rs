@@ -1,7 +1,7 @@
 //! Tissue that stiffens and creeps: what schemes and models cost, and how far they are from the truth.
 //!
 //! A plate comes down onto a block and stays. One table compares the schemes with full Newton of a hundredth of their tolerance in
-//! elastic tissue: Euler's steps as the paper has them, with the consistent tangent, and with the balance put right; modified
+//! elastic tissue: Euler's steps as Kobayashi et al. 2010 have them, with the consistent tangent, and with the balance put right; modified
 //! Newton-Raphson plain and accelerated; full Newton. The other compares models with the finest one, viscoelastic tissue by the law
 //! of rates in four times as many steps, and each with itself in four times as many: what a model leaves out, and what its steps do.
 
@@ -69,8 +69,8 @@ pub const ENTRY: Entry = Entry {
 };
 
 impl TissueOptions {
-    /// A block of as many nodes as the papers' meshes, and steps until errors end.
-    pub fn papers() -> Self {
+    /// A block of as many nodes as Goksel et al. 2011 have, and steps until errors end.
+    pub fn full() -> Self {
         let usual = TissueOptions::default();
         TissueOptions {
             nodes: 3300,
@@ -174,10 +174,10 @@ const TOLERANCE: f64 = 1e-8;
 fn schemes() -> [(&'static str, Scheme); 6] {
     let euler = |slope, corrected| Scheme::Euler { slope, corrected };
     [
-        ("Euler (paper)", euler(Slope::Scalar, false)),
+        ("Euler (Kobayashi 2010)", euler(Slope::Scalar, false)),
         ("Euler, consistent", euler(Slope::Consistent, false)),
         ("Euler, corrected", euler(Slope::Scalar, true)),
-        ("modified (paper)", Scheme::Modified { memory: 0 }),
+        ("modified (Kobayashi 2010)", Scheme::Modified { memory: 0 }),
         ("modified, accelerated", Scheme::MODIFIED),
         ("full Newton", Scheme::Newton),
     ]

@@ -4,7 +4,7 @@ use insonify::mechanics::needle::beam::{
     Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
-/// The paper's phantom and its compression model.
+/// Wang et al.'s phantom and its compression model.
 pub const PVC: (Material, Compression) = (
     Material::Ogden {
         mu_kpa: 12.72,
@@ -13,7 +13,7 @@ pub const PVC: (Material, Compression) = (
     Compression::UEng,
 );
 
-/// The paper's porcine muscle and its compression model.
+/// Wang et al.'s porcine muscle and its compression model.
 pub const PSM: (Material, Compression) = (
     Material::Ogden {
         mu_kpa: 3.63,
@@ -32,7 +32,7 @@ pub fn layer((material, compression): (Material, Compression), thickness_mm: f64
     }
 }
 
-/// The paper's needle, steel of 1 mm, in these layers to their full depth, with elements of 1 mm.
+/// Wang et al.'s needle, steel of 1 mm, in these layers to their full depth, with elements of 1 mm.
 pub fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
     Problem {
         bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),

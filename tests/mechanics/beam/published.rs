@@ -1,4 +1,4 @@
-//! The paper's figures.
+//! Wang et al.'s figures.
 
 use insonify::mechanics::needle::beam::Material;
 
@@ -13,8 +13,8 @@ const TABLE: [(bool, f64, [f64; 3], [f64; 3]); 4] = [
 ];
 const DEPTHS: [f64; 3] = [20.0, 40.0, 60.0];
 
-/// Driven with the published mean RCM, the centre of motion lies where the paper's simulation has it, within 1.2 mm in muscle and
-/// 2.6 mm in the phantom. The paper's COM is a mean over motions from -15 to 15 mm, its RCM is rounded to 0.1 mm and a mean too; tissue is
+/// Driven with the published mean RCM, the centre of motion lies where Wang et al.'s simulation has it, within 1.2 mm in muscle and
+/// 2.6 mm in the phantom. Wang et al.'s COM is a mean over motions from -15 to 15 mm, its RCM is rounded to 0.1 mm and a mean too; tissue is
 /// 50 mm long here, which it does not say.
 #[test]
 fn centres_of_motion_lie_where_table_one_has_them() {

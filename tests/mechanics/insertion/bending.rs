@@ -115,8 +115,8 @@ fn needles_far_stiffer_and_softer_than_usual() {
     assert!(soft.norm() < 30.0, "{soft:?}");
 }
 
-/// The haptic simulator paper's experiment (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block of PVC
-/// through a template, and its tip comes out 10.4 mm aside, which r = 0.6 mm fits. The paper does not give the depth, the modulus or
+/// The experiment of Goksel et al. 2011 (section VI-A): a brachytherapy needle, 200 mm long, goes 140 mm into a block of PVC
+/// through a template, and its tip comes out 10.4 mm aside, which r = 0.6 mm fits. Goksel et al. 2011 do not give the depth, the modulus or
 /// the length of the bevel's part: with 140 mm, 20 kPa and 0.49, a part of 18 mm makes r = 0.6 mm do that.
 #[test]
 fn the_deflection_of_the_pvc_experiment() {

@@ -6,7 +6,7 @@ use serde_json::json;
 use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};
 
 /// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out only the
-/// friction, the other way (haptic simulator paper, figures 4 and 13b).
+/// friction, the other way (Goksel et al. 2011, figures 4 and 13b).
 #[test]
 fn the_hand_feels_friction_and_cutting() {
     let mut finite = build(setup(USUAL));
@@ -62,7 +62,7 @@ fn skin_is_pushed_in_before_it_breaks() {
     assert!(!kinds(&travel(&mut soft, -1.0, 20.0, 0.2)).contains(&EventKind::Puncture));
 }
 
-/// The three-parameter density (motion estimation paper): near the advancing tip more force for each length.
+/// The three-parameter density (Dehghan et al. 2008): near the advancing tip more force for each length.
 #[test]
 fn a_peak_of_the_density_adds_its_area() {
     let peak = Peak {

@@ -1,4 +1,4 @@
-//! The levels of remeshing along one insertion, the probe moved sideways midway (haptic simulator paper, figure 14).
+//! The levels of remeshing along one insertion, the probe moved sideways midway (Goksel et al. 2011, figure 14).
 
 use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact};
 use insonify::mechanics::tissue::remesh::{Level, Precision};

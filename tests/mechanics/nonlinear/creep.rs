@@ -89,7 +89,7 @@ fn below_the_knee_the_laws_agree() {
     }
 }
 
-/// Above the knee the paper's law creeps as E(e_r) e = stress t^k / Gamma(1 + k): by hand at each time.
+/// Above the knee Kobayashi et al.'s law creeps as E(e_r) e = stress t^k / Gamma(1 + k): by hand at each time.
 #[test]
 fn above_the_knee_the_load_integral_is_as_by_hand() {
     let law = law(0.3);
@@ -108,7 +108,7 @@ fn above_the_knee_the_load_integral_is_as_by_hand() {
 }
 
 /// Order 1 is a dashpot: E(e_r) de/dt = stress, whose time to a strain is the integral of E over stress. And where the laws part:
-/// under a constant load past the knee the paper's law is the stiffer.
+/// under a constant load past the knee Kobayashi et al.'s law is the stiffer.
 #[test]
 fn above_the_knee_the_rate_is_a_dashpot_at_order_one() {
     let law = law(0.3);

@@ -84,7 +84,7 @@ fn increments_alike_take_few_iterations() {
     assert!(back.iter().all(|iterations| *iterations <= 2), "{back:?}");
 }
 
-/// In proportional straining Euler's method with the paper's tangent has order one in the length of the increments; elsewhere it
+/// In proportional straining Euler's method with Kobayashi et al.'s tangent has order one in the length of the increments; elsewhere it
 /// needs the consistent tangent or the balance put right. With both it is a Newton iteration an increment, whose error is the square
 /// of the increment.
 #[test]
@@ -120,7 +120,7 @@ fn euler_has_its_order() {
     ];
     let schemes = schemes.map(|(slope, corrected, order)| (Scheme::Euler { slope, corrected }, order));
     orders(&body, &fixed, &loads, &schemes);
-    // The paper's tangent alone stays away, whatever the increments: what it comes to as they vanish, by extrapolation.
+    // Kobayashi et al.'s tangent alone stays away, whatever the increments: what it comes to as they vanish, by extrapolation.
     let [coarse, fine] = [256, 512].map(|steps| error(&body, &fixed, &loads, paper, steps));
     let drift = 2.0 * fine - coarse;
     assert!(

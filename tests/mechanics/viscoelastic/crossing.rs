@@ -58,7 +58,7 @@ fn newton_does_not_cycle_when_the_knee_is_crossed_at_every_step() {
     }
 }
 
-/// e_r = sqrt(((e1-e2)^2 + (e2-e3)^2 + (e3-e1)^2) / 2) of principal strains (paper 3, equation 6).
+/// e_r = sqrt(((e1-e2)^2 + (e2-e3)^2 + (e3-e1)^2) / 2) of principal strains (Kobayashi et al. 2010, equation 6).
 fn relative([a, b, c]: [f64; 3]) -> f64 {
     (((a - b).powi(2) + (b - c).powi(2) + (c - a).powi(2)) / 2.0).sqrt()
 }

@@ -1,6 +1,6 @@
 //! The forces that tissue can put on each contact along the shaft.
 //!
-//! Friction is a force for each length of shaft, summed from a contact to the next one (haptic simulator paper, equation 3),
+//! Friction is a force for each length of shaft, summed from a contact to the next one (Goksel et al. 2011, equation 3),
 //! over the lengths that lie between them on the shaft now: the sum over all contacts is the density over the whole embedded
 //! length in the deformed tissue. What is needed to cut acts at the tip.
 

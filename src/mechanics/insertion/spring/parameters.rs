@@ -1,6 +1,6 @@
 //! What the model is built with.
 
-/// Numbers of the mass-spring model. The tissue is one material throughout (training system paper, section 2.2).
+/// Numbers of the mass-spring model. The tissue is one material throughout (Zhu et al. 2007, section 2.2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameters {
     /// Young's modulus, kPa (above 0).

@@ -1,4 +1,4 @@
-//! When the tip node counts as penetrated (training system paper, section 2.2).
+//! When the tip node counts as penetrated (Zhu et al. 2007, section 2.2).
 
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
-//! Materials from measured stretch and stress, by least squares (flexible needle bending model paper, section III-A).
+//! Materials from measured stretch and stress, by least squares (Wang et al. 2023, section III-A).
 //!
 //! Stress is linear in all parameters but Ogden's exponent, which is sought on a line: each exponent has its best modulus. Where
-//! models that fit alike part beyond the data, none of them should be trusted there: the paper turns one down for that.
+//! models that fit alike part beyond the data, none of them should be trusted there: Wang et al. 2023 turn one down for that.
 
 #[cfg(test)]
 mod tests;

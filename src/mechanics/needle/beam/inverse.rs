@@ -1,4 +1,4 @@
-//! The base motion that brings about what is wanted (flexible needle bending model paper, section III-E).
+//! The base motion that brings about what is wanted (Wang et al. 2023, section III-E).
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,4 +1,4 @@
-//! Hyperelastic, incompressible materials in compression (flexible needle bending model paper, equations 1 to 3 and 7 to 9).
+//! Hyperelastic, incompressible materials in compression (Wang et al. 2023, equations 1 to 3 and 7 to 9).
 //!
 //! Every one of the models offered has a stress that is a sum of powers of the compression ratio, so that stress, tangent
 //! modulus and its rate come from one list of terms, exactly. With the principal stretches `l1`, `l2 = lambda`, `l3` and the free
@@ -62,7 +62,7 @@ impl Compression {
     /// All of them.
     pub const ALL: [Compression; 3] = [Compression::UEng, Compression::UTru, Compression::CTru];
 
-    /// As the paper writes it.
+    /// As Wang et al. 2023 write it.
     pub fn name(self) -> &'static str {
         match self {
             Compression::UEng => "UEng",

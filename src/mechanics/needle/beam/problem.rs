@@ -49,7 +49,7 @@ pub struct Problem {
     pub inserted_mm: f64,
     /// From the entry on.
     pub layers: Vec<Layer>,
-    /// Longest element, mm (above 0; the paper has 1).
+    /// Longest element, mm (above 0; Wang et al. 2023 have 1).
     pub element_mm: f64,
 }
 

@@ -84,7 +84,7 @@ fn a_cantilever_bends_as_the_beam() {
         }
     }
     let share = 10.0 * 10.0 / (4.0 * LENGTH * LENGTH);
-    assert!(share < 1e-3, "of the tip's deflection for the paper's links");
+    assert!(share < 1e-3, "of the tip's deflection for Goksel et al.'s links");
 }
 
 #[test]

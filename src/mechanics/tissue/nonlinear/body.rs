@@ -37,7 +37,7 @@ pub(super) struct Cell<const D: usize, const N: usize> {
 pub(super) struct Response<const D: usize> {
     /// E over E0.
     pub secant: f64,
-    /// The paper's tangent over E0.
+    /// Kobayashi et al.'s tangent over E0.
     pub scalar: f64,
     /// Stress of the unstiffened element times volume times the slope of the secant, N mm.
     pub rise: [[f64; D]; D],
@@ -254,7 +254,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Product of the paper's tangent with a change of displacement.
+    /// Product of Kobayashi et al.'s tangent with a change of displacement.
     pub(super) fn scalar(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {

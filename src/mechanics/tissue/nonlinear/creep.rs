@@ -5,7 +5,7 @@
 //!
 //! - [`Memory::Rate`] takes it as it stands: stress is E(e_r(U)) times the elasticity of the strain's rate of order k. With the rates
 //!   V = D^k U and their history, U_n = w_0 V_n + H_n, so that K(U_n) (U_n - H_n) = w_0 F_n.
-//! - [`Memory::LoadIntegral`] is the paper's (equation 12): K(U) U = F' with F' = I^k F, the loads integrated one by one. Where
+//! - [`Memory::LoadIntegral`] is Kobayashi et al.'s (equation 12): K(U) U = F' with F' = I^k F, the loads integrated one by one. Where
 //!   displacements are driven the reaction is unknown and part of F: K(U_n) U_n = w_0 F_n + H_n.
 //!
 //! They are the same while K is constant. Above the knee they part, for the second lets the stiffness of now divide all loads
@@ -19,7 +19,7 @@ use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Ru
 /// What remembers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Memory {
-    /// The loads: K(U) U = I^k F, as the paper solves it.
+    /// The loads: K(U) U = I^k F, as Kobayashi et al. 2010 solve it.
     #[default]
     LoadIntegral,
     /// The rates: K(U) D^k U = F, as the material is written.

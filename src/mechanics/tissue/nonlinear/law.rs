@@ -61,7 +61,7 @@ impl Stiffening {
         self.knee.slope(relative)
     }
 
-    /// The paper's tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (its equation 15): the derivative of the stress
+    /// Kobayashi et al.'s tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (its equation 15): the derivative of the stress
     /// where strain grows in proportion, and an upper bound of it in other directions of pure shear.
     #[inline]
     pub fn tangent(&self, relative: f64) -> f64 {

@@ -10,7 +10,7 @@ use crate::mechanics::tissue::factor::Symmetric;
 /// Which matrix is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Element stiffnesses times the paper's scalar tangent.
+    /// Element stiffnesses times Kobayashi et al.'s scalar tangent.
     Scalar,
     /// The symmetric part of the consistent tangent.
     Consistent,

@@ -68,8 +68,8 @@ fn list(unfit: &[Unfit]) -> String {
 }
 
 /// The corner of `element` to move to `tip` (mm, reference state: see [`AdaptedMesh::point`]): each is tried, and the one whose
-/// tetrahedra come out best, by the Jacobian condition of the worst of them, is taken; of equals, the lowest node (haptic
-/// simulator paper, section VII). Fixed nodes and those that are `taken` (already in contact, candidates of the probe) are not
+/// tetrahedra come out best, by the Jacobian condition of the worst of them, is taken; of equals, the lowest node (Goksel et
+/// al. 2011, section VII). Fixed nodes and those that are `taken` (already in contact, candidates of the probe) are not
 /// tried, and moves that the mesh would refuse do not count.
 ///
 /// With the tip exactly on a vertex only that vertex can be moved, as every other corner would flatten an element; on an edge
@@ -98,7 +98,7 @@ pub fn best_corner(
     best.ok_or(NoCorner::NoneFits { element, tip, unfit })
 }
 
-/// The node to move to `tip` (mm, reference state) by the rule of the motion-estimation paper (section on mesh adaptation):
+/// The node to move to `tip` (mm, reference state) by the rule of Dehghan et al. 2008 (section on mesh adaptation):
 /// the nearest node of the face that the tip has just crossed, from element `from` into element `to`. Of equally near nodes
 /// the lowest is taken. Where the nearest is fixed, `taken` or cannot be moved, the next nearest of the face is tried.
 ///

@@ -1,4 +1,4 @@
-//! Levels I to IV: the dense inverse follows the moves, all of it or in part (haptic simulator paper, section V-B).
+//! Levels I to IV: the dense inverse follows the moves, all of it or in part (Goksel et al. 2011, section V-B).
 //!
 //! With P the degrees of freedom around the moved node, dK the change of the stiffness there, Y = K^-1[:, P] and G = Y[P, :], the
 //! matrix inversion lemma gives `K'^-1 = K^-1 - Y C Y^T` with `C = (I + dK G)^-1 dK`. dK comes from the true geometry, G and Y

@@ -77,7 +77,7 @@ impl Operator {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rule {
     /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) a step. The integral is the
-    /// ordinary one over a deformed scale of time, as paper 3 (section 3.2.1) has it; the derivative is its inverse.
+    /// ordinary one over a deformed scale of time, as Kobayashi et al. 2010 (section 3.2.1) have it; the derivative is its inverse.
     Rectangle,
     /// Product trapezoid: linear over a step. Order 2 for the integral, 2 - k for the derivative (known as L1); exact for
     /// piecewise linear functions. Costs O(n) a step.

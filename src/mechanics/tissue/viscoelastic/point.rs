@@ -1,11 +1,11 @@
 //! A point of tissue in simple shear: stress from strain, or strain from stress.
 //!
 //! A linear [`Body`] relates shear strain and shear stress by its memory. A [`Knee`] makes it stiffer at large strain, after the
-//! creep tests of paper 3 (figure 8, equation 3), in one of the two ways that the [module above](super) tells apart
+//! creep tests of Kobayashi et al. 2010 (figure 8, equation 3), in one of the two ways that the [module above](super) tells apart
 //! ([`Structure`]). With `s` for how much stiffer the tissue is at a strain than below the knee, and `B` for what the linear body
 //! makes of a history of strain:
 //!
-//! - `rate`: `tau(t) = s(gamma(t)) * (B gamma)(t)`, which for a spring-pot is the paper's `G(gamma) d^k gamma / dt^k = tau`;
+//! - `rate`: `tau(t) = s(gamma(t)) * (B gamma)(t)`, which for a spring-pot is Kobayashi et al.'s `G(gamma) d^k gamma / dt^k = tau`;
 //! - `load-integral`: `tau(t) = (B (s(gamma) gamma))(t)`, for a spring-pot `G(gamma) gamma = I^k tau`.
 //!
 //! In simple shear the relative strain that decides in a structure is `e_r = sqrt(3)/2 gamma`: a knee at gamma0 is one at
@@ -24,10 +24,10 @@ use super::HistoryError;
 /// Where the stiffness stands beside the memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Structure {
-    /// Stiffness times the rate: the material as paper 3 (equation 4) writes it.
+    /// Stiffness times the rate: the material as Kobayashi et al. 2010 (equation 4) write it.
     #[default]
     Rate,
-    /// Stiffness times the strain is the integral of the load: as paper 3 (equation 12) solves it.
+    /// Stiffness times the strain is the integral of the load: as Kobayashi et al. 2010 (equation 12) solve it.
     LoadIntegral,
 }
 

@@ -1,6 +1,6 @@
-//! Bevels in a block of PVC: deflection against depth (haptic simulator paper, section VI-A).
+//! Bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A).
 //!
-//! In the paper's experiment the tip of a brachytherapy needle came out 10.4 mm aside, which r = 0.6 mm fits. Depth, modulus and
+//! In Goksel et al.'s experiment the tip of a brachytherapy needle came out 10.4 mm aside, which r = 0.6 mm fits. Depth, modulus and
 //! the length of the bevel's part are not in the text: 140 mm, 20 kPa and nu = 0.49 are taken here, and a part of 18 mm makes
 //! r = 0.6 mm do that.
 

@@ -1,4 +1,4 @@
-//! Levels of remeshing along one insertion, the probe moved sideways midway (haptic simulator paper, figures 13c and 14).
+//! Levels of remeshing along one insertion, the probe moved sideways midway (Goksel et al. 2011, figures 13c and 14).
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, lines, mean_square, times, unsettled};
 use super::course::{self, Course, ENTRY, Step};
@@ -21,7 +21,7 @@ const LEVELS: [(Level, &str); 4] = [
 ];
 /// Of them, those that work on a dense inverse.
 const DENSE: usize = 3;
-/// Rings of the probe's candidates that are kept: every second one, as in the paper.
+/// Rings of the probe's candidates that are kept: every second one, as in Goksel et al. 2011.
 const EVERY: usize = 2;
 /// Points of a trace for each level.
 const POINTS: usize = 400;

@@ -1,4 +1,4 @@
-//! Every n-th candidate of the probe (haptic simulator paper, end of section VI-C): a looser coupling for less time.
+//! Every n-th candidate of the probe (Goksel et al. 2011, end of section VI-C): a looser coupling for less time.
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, points, times, unsettled};
 use super::course::{self, Course, Step};

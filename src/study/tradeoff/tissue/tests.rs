@@ -26,14 +26,14 @@ fn a_small_block_is_studied() {
         row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()].unwrap()
     };
     // Iterations come to their tolerance, over how much it may be of the displacements; Euler's steps err less the shorter they are.
-    for name in ["modified (paper)", "modified, accelerated", "full Newton"] {
+    for name in ["modified (Kobayashi 2010)", "modified, accelerated", "full Newton"] {
         assert!(value(schemes, name, "8", "error") < 1e-5, "{name}");
     }
-    for name in ["Euler (paper)", "Euler, consistent", "Euler, corrected"] {
+    for name in ["Euler (Kobayashi 2010)", "Euler, consistent", "Euler, corrected"] {
         let [coarse, fine] = ["4", "8"].map(|steps| value(schemes, name, steps, "error"));
         assert!(fine < coarse && coarse < 0.2, "{name}: {coarse} {fine}");
     }
-    assert_eq!(value(schemes, "Euler (paper)", "8", "iterations"), 1.0);
+    assert_eq!(value(schemes, "Euler (Kobayashi 2010)", "8", "iterations"), 1.0);
     // Linear tissue is softest; elastic tissue does not relax, viscoelastic does.
     let force = |name: &str, key: &str| value(models, name, "8", key);
     assert!(force("linear", "force_n") < force("nonlinear", "force_n"));

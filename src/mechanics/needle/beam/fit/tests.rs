@@ -112,7 +112,7 @@ fn fits_are_the_best_of_their_model() {
     }
 }
 
-/// As in the paper: of data from a phantom down to 0.8, Neo-Hooke's model leaves the others first.
+/// As in Wang et al. 2023: of data from a phantom down to 0.8, Neo-Hooke's model leaves the others first.
 #[test]
 fn models_that_part_beyond_the_data_are_named() {
     let phantom = Material::Ogden {

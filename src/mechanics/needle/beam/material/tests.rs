@@ -109,7 +109,7 @@ fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
     }
 }
 
-/// The law as the paper's section III-A and the moduli at rest give it.
+/// The law as Wang et al.'s section III-A and the moduli at rest give it.
 #[test]
 fn ogden_is_as_published() {
     let (mu, alpha, l) = (3.63, 8.74, 0.7f64);

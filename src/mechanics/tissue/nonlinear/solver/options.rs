@@ -3,7 +3,7 @@
 /// Which tangent an Euler step takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Slope {
-    /// The paper's: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
+    /// Kobayashi et al.'s: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
     #[default]
     Scalar,
     /// The derivative of the law.
@@ -17,13 +17,13 @@ pub enum Scheme {
     Euler {
         /// The tangent.
         slope: Slope,
-        /// Whether what the last increments left out of balance is added to this one; the paper's is not. With an offset of
+        /// Whether what the last increments left out of balance is added to this one; Kobayashi et al.'s is not. With an offset of
         /// displacements it always is.
         corrected: bool,
     },
     /// Iterations with a factor of the scalar tangent that is kept as long as it serves.
     Modified {
-        /// Iterations that the next is improved by (Anderson's acceleration): 0 for the plain method, which is the paper's.
+        /// Iterations that the next is improved by (Anderson's acceleration): 0 for the plain method, which is Kobayashi et al.'s.
         memory: usize,
     },
     /// Iterations with the consistent tangent, factored at each.

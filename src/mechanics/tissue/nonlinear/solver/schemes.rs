@@ -49,7 +49,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.finite(residual)
     }
 
-    /// The paper's method where `memory` is 0. Else what earlier iterations and increments missed improves the next.
+    /// Kobayashi et al.'s method where `memory` is 0. Else what earlier iterations and increments missed improves the next.
     pub(super) fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
         let learns = memory > 0;
         // Whether the factor is that of this very state.

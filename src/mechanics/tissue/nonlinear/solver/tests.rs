@@ -52,7 +52,7 @@ fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, w
             "{exact} but {difference} at {at} of {D} dimensions"
         );
     }
-    // The paper's tangent is no derivative of this.
+    // Kobayashi et al.'s tangent is no derivative of this.
     body.scalar(&responses, &direction, &mut product);
     let off = product
         .iter()
