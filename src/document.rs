@@ -2,6 +2,7 @@
 
 mod fault;
 mod home;
+mod region;
 mod source;
 mod suggest;
 
@@ -13,6 +14,8 @@ use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 
 pub use fault::Fault;
+pub(crate) use region::{Names, plain};
+pub use region::{NoRegion, RegionName};
 pub use source::Source;
 pub(crate) use suggest::nearest;
 

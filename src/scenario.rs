@@ -64,8 +64,8 @@ pub use resolve::{Modelling, Scenario, Timing};
 pub use stiffened::{StepSolverSpec, Stiffened, TissueViscositySpec};
 pub use summary::{Happened, Reached, Seed, StepMs, Summary};
 pub use tissue::{
-    BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, RegionName,
-    TissueModel, TissueSpec,
+    BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, TissueModel,
+    TissueSpec,
 };
 pub use trial::Trial;
 

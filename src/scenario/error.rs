@@ -1,7 +1,7 @@
 //! What can be wrong with a scenario file.
 
 use super::file::{ScenarioFile, VERSION};
-use crate::document::{Fault, Unreadable};
+use crate::document::{Fault, NoRegion, Unreadable};
 use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
 use crate::mechanics::insertion::{InvalidInteraction, nonlinear};
@@ -49,13 +49,8 @@ pub enum Wrong {
         expected: &'static str,
     },
     /// A region that is not there.
-    #[error("no label here is {found}; expected a label value or one of {}", has.join(", "))]
-    Region {
-        /// As written.
-        found: String,
-        /// Names that there are.
-        has: Vec<String>,
-    },
+    #[error(transparent)]
+    Region(#[from] NoRegion),
     /// The scene is wrong.
     #[error(transparent)]
     Scene(#[from] Problem),

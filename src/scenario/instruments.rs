@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::tissue::RegionName;
+use crate::document::RegionName;
 use crate::scene::NeedleMotionSpec;
 
 /// The needle. Its motion is that of a needle that nothing bends: base and direction are what the hand holds.

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::error::{ScenarioError, Wrong};
+use super::error::ScenarioError;
 use super::file::ScenarioFile;
-use super::tissue::{MaterialSpec, RegionName};
-use crate::document::nearest;
+use super::tissue::MaterialSpec;
+use crate::document::{Names, RegionName};
 use crate::mechanics::insertion::{Bone, Interaction};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -71,39 +71,15 @@ impl<'a> Regions<'a> {
 
     /// The numbers of the regions that a name means.
     pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, ScenarioError> {
-        let found = match name {
-            RegionName::Value(value) => {
-                let region = i32::try_from(*value).ok();
-                region
-                    .filter(|region| self.label(*region).is_some() || self.named.contains_key(region))
-                    .into_iter()
-                    .collect()
-            }
-            RegionName::Name(name) => self.called(name),
-        };
-        if !found.is_empty() {
-            return Ok(found);
-        }
-        let mut has = self.body().names();
-        has.extend(self.named.values().cloned());
-        let help = match name {
-            RegionName::Name(name) => nearest(name, has.iter().map(String::as_str)),
-            RegionName::Value(_) => None,
-        };
-        let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
-        let found = name.to_string();
-        Err(self.file.fault(key, Wrong::Region { found, has }).with_help(help))
-    }
-
-    fn called(&self, name: &str) -> Vec<i32> {
-        let labels = self.scene.anatomy.volume.labels();
-        let of_labels = self.body().all_named(name).into_iter();
-        let values = of_labels.filter_map(|label| i32::try_from(labels[usize::from(label)].value).ok());
-        let of_mesh = self.named.iter().filter(|(_, own)| own.as_str() == name);
-        let mut found: Vec<i32> = values.chain(of_mesh.map(|(region, _)| *region)).collect();
-        found.sort_unstable();
-        found.dedup();
-        found
+        let labels = self.body().entries().into_iter();
+        let of_labels = labels.filter_map(|(_, value, names)| Some((i32::try_from(value).ok()?, value, names)));
+        let of_mesh = self.named.iter();
+        let of_mesh = of_mesh.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()]));
+        let known = Names::new(of_labels.chain(of_mesh));
+        known.find(name).map_err(|error| {
+            let help = error.help();
+            self.file.fault(key, error).with_help(help)
+        })
     }
 
     /// What each of some regions is made of.

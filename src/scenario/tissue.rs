@@ -1,14 +1,13 @@
 //! The tissue of a scenario as it is written.
 
-use std::fmt;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
-use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::cylinder::CylinderSpec;
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
+use crate::document::RegionName;
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -124,47 +123,6 @@ pub enum ColumnsName {
     OnDemand,
     /// All are computed at the start: seconds to minutes, and the memory of a dense inverse.
     Dense,
-}
-
-/// A region: the name of a label or tissue, or a label value.
-#[derive(Clone, Debug, PartialEq, Eq, JsonSchema)]
-#[schemars(untagged)]
-pub enum RegionName {
-    /// The value of a label, which is the number of a region.
-    Value(i64),
-    /// The name of a label or of a tissue: all labels that bear it.
-    Name(String),
-}
-
-impl fmt::Display for RegionName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RegionName::Value(value) => write!(f, "{value}"),
-            RegionName::Name(name) => write!(f, "\"{name}\""),
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for RegionName {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Either;
-        impl Visitor<'_> for Either {
-            type Value = RegionName;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("the name of a label or tissue, or a label value")
-            }
-
-            fn visit_i64<E>(self, value: i64) -> Result<Self::Value, E> {
-                Ok(RegionName::Value(value))
-            }
-
-            fn visit_str<E>(self, name: &str) -> Result<Self::Value, E> {
-                Ok(RegionName::Name(name.to_owned()))
-            }
-        }
-        deserializer.deserialize_any(Either)
-    }
 }
 
 /// What a region is made of. What is left open is that of the scene's tissue of that label.

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::error::{Problem, SceneError};
 use super::file::SceneFile;
-use crate::document::nearest;
+use crate::document::{Names, RegionName, nearest, plain};
 use crate::phantom;
 use crate::tissue::{TissueTable, totalsegmentator};
 use crate::tracking::matrix::Rows;
@@ -68,7 +68,7 @@ impl SceneFile {
         let table = self.pose.clone().unwrap_or_default();
         let label = match &table.target {
             Some(target) => body.named(target).ok_or_else(|| {
-                let names = body.names();
+                let names = Names::new(body.entries()).known();
                 let help = nearest(target, names.iter().map(String::as_str));
                 let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
                 let expected = format!("one of {}", names.join(", "));
@@ -141,18 +141,18 @@ impl Body<'_> {
             .or_else(|| self.largest(|label, _| !is_outside(self.tissues, label)))
     }
 
-    /// The largest label that a target names: by value, by whole name, or by a part of one.
+    /// The largest label that a target may mean: by value, by whole name, or by a part of one.
     fn named(&self, target: &str) -> Option<u8> {
-        let wanted = plain(target);
-        let whole = |label: u8, of: &Label| self.names_of(label, of).contains(&wanted);
-        let part = |label: u8, of: &Label| {
-            let has = |name: &String| format!("_{name}_").contains(&format!("_{wanted}_")) || name.starts_with(&wanted);
-            !wanted.is_empty() && self.names_of(label, of).iter().any(has)
-        };
-        let by_value = target.trim().parse::<i64>().ok();
-        self.largest(|_, of| Some(of.value) == by_value)
-            .or_else(|| self.largest(whole))
-            .or_else(|| self.largest(part))
+        let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
+        self.largest(|label, _| meant.contains(&label))
+    }
+
+    /// Every label but the background, with its value and names.
+    pub(crate) fn entries(&self) -> Vec<(u8, i64, Vec<String>)> {
+        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
+        labels
+            .map(|(label, of)| (label, of.value, self.names_of(label, of)))
+            .collect()
     }
 
     fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
@@ -162,23 +162,6 @@ impl Body<'_> {
             .chain([self.tissues.of(label).name.as_ref()])
             .map(plain)
             .collect()
-    }
-
-    /// All labels that have a name, by whole name.
-    pub(crate) fn all_named(&self, name: &str) -> Vec<u8> {
-        let wanted = plain(name);
-        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
-        let named = labels.filter(|(label, of)| self.names_of(*label, of).contains(&wanted));
-        named.map(|(label, _)| label).collect()
-    }
-
-    /// The names that a target may have.
-    pub(crate) fn names(&self) -> Vec<String> {
-        let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
-        let mut names: Vec<String> = labels.flat_map(|(label, of)| self.names_of(label, of)).collect();
-        names.sort();
-        names.dedup();
-        names
     }
 
     /// The name of a label, or its value.
@@ -213,14 +196,4 @@ impl Body<'_> {
             .fold(f64::INFINITY, f64::min);
         Pose::from_direction(Point3::new(middle.x, front, middle.z), Vector3::y(), None)
     }
-}
-
-/// Lower case, and everything but letters and digits as single underscores.
-fn plain(name: &str) -> String {
-    let lower = name.to_lowercase();
-    let words: Vec<&str> = lower
-        .split(|c: char| !c.is_alphanumeric())
-        .filter(|word| !word.is_empty())
-        .collect();
-    words.join("_")
 }
