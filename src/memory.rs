@@ -105,7 +105,11 @@ fn group_left(group: &Path, [limit, used, inactive, active]: GroupFiles) -> Opti
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let (limit, used) = (number(&read(limit)?)?, number(&read(used)?)?);
     let stat = read("memory.stat").unwrap_or_default();
-    let cached = |key| stat.lines().find_map(|line| number(line.strip_prefix(key)?)).unwrap_or(0);
+    let cached = |key| {
+        stat.lines()
+            .find_map(|line| number(line.strip_prefix(key)?))
+            .unwrap_or(0)
+    };
     Some(limit.saturating_sub(used.saturating_sub(cached(inactive) + cached(active))))
 }
 
@@ -161,7 +165,10 @@ mod tests {
             &[
                 ("memory.limit_in_bytes", "500\n"),
                 ("memory.usage_in_bytes", "200\n"),
-                ("memory.stat", "inactive_file 150\ntotal_inactive_file 100\ntotal_active_file 0\n"),
+                (
+                    "memory.stat",
+                    "inactive_file 150\ntotal_inactive_file 100\ntotal_active_file 0\n",
+                ),
             ],
         );
         let both = "4:cpu,memory:/docker/abc\n1:pids:/user\n0::/user/run\n";
@@ -177,7 +184,12 @@ mod tests {
             let cause = io::Error::from(error.clone());
             assert_eq!(cause.kind(), io::ErrorKind::OutOfMemory);
             assert_eq!(cause.to_string(), error.to_string());
-            assert!(error.to_string().starts_with("a frame needs 17179869184.0 GiB (18446744073709551615 bytes) of"), "{error}");
+            assert!(
+                error
+                    .to_string()
+                    .starts_with("a frame needs 17179869184.0 GiB (18446744073709551615 bytes) of"),
+                "{error}"
+            );
         }
         assert_eq!(size(1023), "1023 bytes");
         assert_eq!(size(3 << 19), "1.5 MiB (1572864 bytes)");

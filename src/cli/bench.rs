@@ -47,8 +47,8 @@ pub struct Bench {
     #[arg(long, value_name = "N", default_value = "100", value_parser = super::render::frame_count)]
     frames: usize,
     /// Seconds after which a measurement ends early; a twentieth of it with --compare
-    #[arg(long, value_name = "S", default_value_t = 4.0, value_parser = seconds)]
-    patience_s: f64,
+    #[arg(long, alias = "patience-s", value_name = "S", default_value_t = 4.0, value_parser = seconds)]
+    time_limit_s: f64,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -77,7 +77,7 @@ impl Bench {
             .collect::<Result<Vec<_>, Failure>>()?;
         let options = BenchOptions {
             frames: self.frames,
-            patience: Duration::from_secs_f64(self.patience_s),
+            patience: Duration::from_secs_f64(self.time_limit_s),
             ..BenchOptions::default()
         };
         let mut report = BenchReport::new(&scene.anatomy, &scene.settings);
@@ -125,7 +125,7 @@ impl Bench {
         scene.state(0, scene.frames().max(1), &mut state)?;
         let (gpus, missing) = self.backend.gpus()?;
         let options = CompareOptions {
-            patience: Duration::from_secs_f64(self.patience_s / 20.0),
+            patience: Duration::from_secs_f64(self.time_limit_s / 20.0),
             ..CompareOptions::usual(gpus)
         };
         let subject = Subject {

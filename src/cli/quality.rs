@@ -13,7 +13,7 @@ use super::terminal;
 
 #[derive(Args)]
 pub struct QualityArgs {
-    /// Where the scene asks for `quality`: measure anew what it is picked from, though it was measured on this machine before
+    /// Repeat the timing that `quality` chooses from, even where this machine was timed before
     #[arg(long)]
     recalibrate: bool,
 }

@@ -85,7 +85,10 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
                 limit: super::MAX_VOXELS,
             });
         }
-        memory::check(count as u64, &format!("a phantom of {} x {} x {} voxels", size[0], size[1], size[2]))?;
+        memory::check(
+            count as u64,
+            &format!("a phantom of {} x {} x {} voxels", size[0], size[1], size[2]),
+        )?;
         let grid = Grid {
             size,
             first: world.min.add_scalar(resolution_mm / 2.0),

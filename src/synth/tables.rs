@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::local_origin::LocalOrigin;
 use super::SynthError;
+use super::local_origin::LocalOrigin;
 use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
@@ -419,10 +419,20 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 /// that is handed out, and a position, an amplitude and a label a sample.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
-    let planes = effects.thickness.as_ref().map_or(1, |thickness| u64::from(thickness.planes));
+    let planes = effects
+        .thickness
+        .as_ref()
+        .map_or(1, |thickness| u64::from(thickness.planes));
     let samples = (grid.lines() * grid.samples()) as u64;
-    let what = format!("a frame of {width} x {height} pixels from {} x {} samples", grid.lines(), grid.samples());
-    Ok(memory::check(14 * (width * height) as u64 + 21 * samples * planes, &what)?)
+    let what = format!(
+        "a frame of {width} x {height} pixels from {} x {} samples",
+        grid.lines(),
+        grid.samples()
+    );
+    Ok(memory::check(
+        14 * (width * height) as u64 + 21 * samples * planes,
+        &what,
+    )?)
 }
 
 fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {

@@ -40,8 +40,11 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
         Encoding::Raw | Encoding::Text => stored.min(expected as u64),
         _ => expected as u64,
     };
-    memory::check(readable.saturating_add(count as u64), &format!("an image of {}", header.sizes()))
-        .map_err(|error| fail(error.into()))?;
+    memory::check(
+        readable.saturating_add(count as u64),
+        &format!("an image of {}", header.sizes()),
+    )
+    .map_err(|error| fail(error.into()))?;
     match place.encoding {
         Encoding::Raw => raw(header, &mut reader, begin, stored, expected),
         Encoding::Text => text(header, &mut reader, begin, stored),

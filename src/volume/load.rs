@@ -51,8 +51,11 @@ pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let grid = header.grid()?;
     let bytes = data::read(&mut header)?;
     let voxels = grid.size.iter().product::<usize>() as u64;
-    memory::check(voxels * size_of::<f32>() as u64, &format!("a texture of {}", header.sizes()))
-        .map_err(|error| VolumeError::read(path, error.into()))?;
+    memory::check(
+        voxels * size_of::<f32>() as u64,
+        &format!("a texture of {}", header.sizes()),
+    )
+    .map_err(|error| VolumeError::read(path, error.into()))?;
     let values = with_sample!(header.element()?, T => bytes
         .chunks_exact(<T as Sample>::BYTES)
         .map(|number| {

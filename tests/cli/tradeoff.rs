@@ -184,7 +184,7 @@ fn all_studies_go_into_one_report() {
         .text()
         .to_owned();
     assert!(
-        text.contains("memory of viscoelastic tissue") && text.contains("Take "),
+        text.contains("memory of viscoelastic tissue") && text.contains("Recommended: "),
         "{text}"
     );
 }

@@ -18,12 +18,16 @@ A row with a star is a best choice: no other is both faster and nearer to the tr
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Beam {
+    /// No effect: this study takes a fraction of a second
+    #[arg(long, hide = true)]
+    quick: bool,
     #[command(flatten)]
     printed: Printed,
 }
 
 impl Beam {
     pub fn run(&self) -> Result<(), Failure> {
-        self.printed.run(|_| Ok(study()?))
+        let Self { quick: _, printed } = self;
+        printed.run(|_| Ok(study()?))
     }
 }

@@ -37,8 +37,8 @@ pub struct Image {
     #[arg(long)]
     quick: bool,
     /// Seconds after which the timing of one way ends, once it has three frames [default: 1.2; with --quick 0.12]
-    #[arg(long, value_name = "S", value_parser = super::super::bench::seconds)]
-    patience_s: Option<f64>,
+    #[arg(long, alias = "patience-s", value_name = "S", value_parser = super::super::bench::seconds)]
+    time_limit_s: Option<f64>,
     #[command(flatten)]
     backend: BackendArgs,
     #[command(flatten)]
@@ -59,7 +59,7 @@ impl Image {
             true => ImageOptions::quick(gpus),
             false => ImageOptions::whole(gpus),
         };
-        if let Some(seconds) = self.patience_s {
+        if let Some(seconds) = self.time_limit_s {
             options.patience = Duration::from_secs_f64(seconds);
         }
         self.printed.run(|progress| {

@@ -46,8 +46,8 @@ pub struct Remesh {
     #[arg(long, value_name = "NU", default_value_t = RemeshOptions::default().poisson, allow_negative_numbers = true)]
     poisson: f64,
     /// Seconds after which a contender ends early
-    #[arg(long, value_name = "S", value_parser = super::super::bench::seconds)]
-    patience_s: Option<f64>,
+    #[arg(long, alias = "patience-s", value_name = "S", value_parser = super::super::bench::seconds)]
+    time_limit_s: Option<f64>,
     /// A small mesh and few updates
     #[arg(long)]
     quick: bool,
@@ -76,7 +76,7 @@ impl Remesh {
             poisson: self.poisson,
             moves: usual.moves,
             updates: self.updates.unwrap_or(usual.updates),
-            patience: self.patience_s.map_or(usual.patience, Duration::from_secs_f64),
+            patience: self.time_limit_s.map_or(usual.patience, Duration::from_secs_f64),
             cpu: self.backend.backend != BackendName::Gpu,
         }
     }

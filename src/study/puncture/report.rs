@@ -49,7 +49,7 @@ pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
     });
     let plot = Plot {
         title: "A needle pushes, punctures and cuts".to_owned(),
-        x: Axis::linear("way of the needle, mm"),
+        x: Axis::linear("travel of the needle, mm"),
         y: Axis::linear("force on the needle, N"),
         series: series.collect(),
         markers: Vec::new(),

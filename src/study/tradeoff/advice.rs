@@ -9,12 +9,12 @@ use super::pace::Beat;
 use super::render::number;
 use super::{Row, Table};
 
-/// Shifts that are of no matter in an image, mm, and why.
+/// Tolerance for positions in an image, mm, with its reason.
 pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
-/// Forces that are of no matter to a hand, N, and why.
+/// Tolerance for forces on a hand, N, with its reason.
 pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N");
 
-/// Differences that are of no matter to the eye, grey levels, and why.
+/// Tolerance for grey levels, with its reason.
 pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
 
 /// Costs, or errors, that differ by no more than this factor count as the same.
@@ -27,9 +27,9 @@ pub struct Goal {
     pub cost: &'static str,
     /// Key of the axis that says how wrong a way is.
     pub error: &'static str,
-    /// The largest error that is of no matter, in the unit of its axis.
+    /// Tolerance, in the unit of its axis.
     pub within: f64,
-    /// Why it is of no matter.
+    /// Reason for the tolerance.
     pub reason: &'static str,
     /// What is chosen, in a few words; the title of the table where there are none.
     pub choosing: &'static str,
@@ -199,19 +199,19 @@ impl Table {
         let nearest = |ways: &mut dyn Iterator<Item = &Way>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
         let mut words = match take {
             Some(take) if take.gold => format!(
-                "Take the gold standard itself, {}: {}. Nothing cheaper stays within {limit}.",
+                "Recommended: {} (the gold standard): {}. Nothing cheaper has an error within {limit}.",
                 take.name,
                 cost(take)
             ),
             Some(take) => format!(
-                "Take {}: {}, off by {}; the cheapest within {limit}.",
+                "Recommended: {}: {}, error {}; the cheapest within {limit}.",
                 take.name,
                 cost(take),
                 error(take.error)
             ),
             None => match nearest(&mut ways.iter()) {
                 Some(near) => format!(
-                    "Nothing measured stays within {limit}. The nearest is {}: {}, off by {}.",
+                    "No option has an error within {limit}. The closest is {}: {}, error {}.",
                     near.name,
                     cost(&near),
                     error(near.error)
@@ -220,19 +220,14 @@ impl Table {
             },
         };
         if let Some(next) = nearest(&mut { cheaper }) {
-            words += &format!(
-                " Cheaper is {}: {}, off by {}.",
-                next.name,
-                cost(&next),
-                error(next.error)
-            );
+            words += &format!(" Cheaper: {}: {}, error {}.", next.name, cost(&next), error(next.error));
         }
         let gold = ways.iter().find(|way| way.gold);
         if let Some(gold) = gold.filter(|_| take.is_some_and(|take| !take.gold)) {
             words += &format!(" The gold standard takes {}.", cost(gold));
         }
         if let Some((_, choice, reason)) = goal.baseline {
-            words += &format!(" {choice} is a baseline and never advised: {reason}.");
+            words += &format!(" {choice} is a baseline and never recommended: {reason}.");
         }
         match wrong {
             0 => {}

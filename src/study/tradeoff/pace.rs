@@ -6,7 +6,7 @@ use super::advice::{Goal, SAME, Way};
 use super::render::number;
 use super::{Row, Table};
 
-/// Errors below this share of what is of no matter count as none, so that nothing is paid for them.
+/// Share of the tolerance below which errors count as zero.
 pub(super) const NOTHING: f64 = 0.1;
 
 /// What must be done again and again, in time.
@@ -84,22 +84,18 @@ impl InTime {
         }
     }
 
-    /// How far a way is off, with the unit.
+    /// Error of an option, with the unit.
     pub fn off(&self, way: &Way) -> String {
         match way.gold {
-            true => "the gold standard itself".to_owned(),
+            true => "none (the gold standard)".to_owned(),
             false => format!("{} {}", number(way.error), self.unit).trim_end().to_owned(),
         }
     }
 
     /// All of it but what is better, for a terminal.
     pub fn sentence(&self) -> String {
-        let off = match self.take.gold {
-            true => "",
-            false => "off by ",
-        };
         let [way, ms] = [self.way(), number(self.take.cost)];
-        format!("{}: {way}: {ms} ms, {off}{}", self.what(), self.off(&self.take))
+        format!("{}: {way}: {ms} ms, error {}", self.what(), self.off(&self.take))
     }
 
     /// What errs less, and costs what.

@@ -154,9 +154,9 @@ impl Report {
         [
             format!("For {frames} frames and {steps} steps a second"),
             format!(
-                "Of all that keeps to {} ms a frame and {} ms a step, what errs least. Errors below {} of what is of no matter count as none: \
-                 of ways that err so little the fastest is taken, so that others may err still less. A frame counts with the time that 19 of \
-                 20 keep to, a step of an insertion with the median of those that remesh.",
+                "For each choice, the option with the smallest error whose time is within {} ms a frame or {} ms a step. Errors below {} of the \
+                 tolerance count as zero: among such options the fastest is chosen. Times of frames are 95th percentiles, times of steps \
+                 medians of the steps that remesh.",
                 number(self.pace.ms(Beat::Frame)),
                 number(self.pace.ms(Beat::Step)),
                 pace::NOTHING

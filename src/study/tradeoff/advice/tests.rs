@@ -49,15 +49,15 @@ fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
     );
     assert_eq!(
         advice[0].sentence(),
-        "nodes: 10: Take good: 6.00 ms, off by 0.0200 mm; the cheapest within 0.1 mm (nobody sees it). Cheaper is good in one \
-         case: 1.00 ms, off by 0.700 mm. The gold standard takes 60.0 ms."
+        "nodes: 10: Recommended: good: 6.00 ms, error 0.0200 mm; the cheapest within 0.1 mm (nobody sees it). Cheaper: good in one \
+         case: 1.00 ms, error 0.700 mm. The gold standard takes 60.0 ms."
     );
     // Where all else is off too far, what is right by definition is left.
     assert!(advice[1].take.as_ref().unwrap().gold, "{}", advice[1].words);
     assert!(
         advice[1]
             .words
-            .starts_with("Take the gold standard itself, finest: 500 ms. Nothing cheaper")
+            .starts_with("Recommended: finest (the gold standard): 500 ms. Nothing cheaper")
     );
 }
 
@@ -76,7 +76,7 @@ fn a_baseline_is_never_advised() {
     assert!(
         advice
             .words
-            .ends_with("good is a baseline and never advised: it does nothing."),
+            .ends_with("good is a baseline and never recommended: it does nothing."),
         "{}",
         advice.words
     );
@@ -119,8 +119,8 @@ fn what_nothing_reaches_is_said_with_the_nearest() {
     let advice = &far.advice()[0];
     assert_eq!(advice.take, None);
     assert!(
-        advice.words.contains("Nothing measured stays within 0.1 mm")
-            && advice.words.contains("near: 2.00 ms, off by 0.300 mm"),
+        advice.words.contains("No option has an error within 0.1 mm")
+            && advice.words.contains("near: 2.00 ms, error 0.300 mm"),
         "{}",
         advice.words
     );

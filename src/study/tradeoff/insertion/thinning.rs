@@ -11,7 +11,7 @@ use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 /// Rings of candidates of which one is kept; the first has all.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
 
-const FACTORS: [Factor; 1] = [factor("every", "one ring of every")];
+const FACTORS: [Factor; 1] = [factor("every", "ring stride")];
 
 const AXES: [Axis; 4] = [
     Axis::linear("candidates", "candidates", "candidates of the probe"),

@@ -59,7 +59,7 @@ impl Report {
         }
         let [heading, times] = self.at_this_pace();
         let _ = write!(text, "\n## {heading}\n\n{times}\n\n");
-        text.push_str("| for | take | it takes | it is off by | better |\n|---|---|---:|---:|---|\n");
+        text.push_str("| for | recommended | time | error | better |\n|---|---|---:|---:|---|\n");
         for found in self.in_time() {
             let _ = writeln!(
                 text,

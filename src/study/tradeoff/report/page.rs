@@ -66,9 +66,9 @@ impl Report {
         page.paragraph("soft", &times);
         let headings = [
             Cell::Text("for".to_owned()),
-            Cell::Text("take".to_owned()),
-            Cell::Number("it takes".to_owned()),
-            Cell::Number("it is off by".to_owned()),
+            Cell::Text("recommended".to_owned()),
+            Cell::Number("time".to_owned()),
+            Cell::Number("error".to_owned()),
             Cell::Text("better, but slower".to_owned()),
         ];
         page.stacked(&headings, &rows);
@@ -88,14 +88,14 @@ impl Report {
                 match &advice.take {
                     Some(way) => {
                         let error = match way.gold {
-                            true => Cell::Text("the gold standard itself".to_owned()),
+                            true => Cell::Text("none (the gold standard)".to_owned()),
                             false => Cell::Number(format!("{} {error}", number(way.error))),
                         };
                         cells.push(Cell::Text(way.name.clone()));
                         cells.push(Cell::Number(format!("{} {cost}", number(way.cost))));
                         cells.push(error);
                     }
-                    None => cells.extend(["nothing is near enough", "", ""].map(|it| Cell::Text(it.to_owned()))),
+                    None => cells.extend(["none within the tolerance", "", ""].map(|it| Cell::Text(it.to_owned()))),
                 }
                 rows.push(("", cells));
             }
@@ -104,12 +104,12 @@ impl Report {
             return;
         }
         page.put("<h2>In short</h2>");
-        page.paragraph("soft", "The cheapest way whose error is of no matter; each chapter says which error that is and what else there is.");
+        page.paragraph("soft", "The cheapest option whose error is within its tolerance; each chapter states the tolerance and the other options.");
         let headings = [
             Cell::Text("for".to_owned()),
-            Cell::Text("take".to_owned()),
-            Cell::Number("it costs".to_owned()),
-            Cell::Number("it is off by".to_owned()),
+            Cell::Text("recommended".to_owned()),
+            Cell::Number("cost".to_owned()),
+            Cell::Number("error".to_owned()),
         ];
         page.stacked(&headings, &rows);
     }

@@ -120,13 +120,16 @@ fn what_keeps_to_the_pace_stands_first() {
     // 1.5 times 2 ms; the exact way takes 13.5.
     assert_eq!(
         found[0].sentence(),
-        "Ways & means: good, \"or so\": 3.00 ms, off by 0.0500 mm"
+        "Ways & means: good, \"or so\": 3.00 ms, error 0.0500 mm"
     );
     let (page, markdown) = (report.page().unwrap(), report.markdown());
     for text in [&page, &markdown] {
         let [pace, short] = ["For 60 frames and 200 steps a second", "In short"].map(|it| text.find(it));
         assert!(pace.is_some() && pace < short, "{text}");
-        assert!(text.contains("exact: 13.5 ms, the gold standard itself"), "{text}");
+        assert!(
+            text.contains("exact: 13.5 ms, error none (the gold standard)"),
+            "{text}"
+        );
     }
 }
 
@@ -143,14 +146,11 @@ fn every_column_mark_and_cell_says_what_it_is() {
         "{page}"
     );
     // Where rows become blocks there are no headings above.
-    for label in ["take", "it takes", "it is off by", "better, but slower"] {
+    for label in ["recommended", "time", "error", "better, but slower"] {
         assert!(page.contains(&format!("data-label=\"{label}\">")), "{label}");
     }
     for text in [&page, &markdown] {
-        assert!(
-            text.contains("below 0.1 of what is of no matter count as none"),
-            "{text}"
-        );
+        assert!(text.contains("below 0.1 of the tolerance count as zero"), "{text}");
     }
     // The gold standard errs by nothing and is among the best; it is shown to be no gap.
     let section = &report.chapters[0].sections[0];
