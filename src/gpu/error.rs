@@ -12,10 +12,12 @@ pub enum GpuError {
     NoAdapter,
 
     /// No adapter's name contains what the user asked for.
-    #[error("no GPU adapter is named like '{wanted}'; available: {}", available.join(", "))]
+    #[error("no GPU adapter is named like '{wanted}'{origin}; available: {}", available.join(", "))]
     UnknownAdapter {
         /// The name asked for.
         wanted: String,
+        /// Origin of that name, in brackets; empty for a flag.
+        origin: &'static str,
         /// The adapters there are, as `name (backend)`.
         available: Vec<String>,
     },

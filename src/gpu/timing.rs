@@ -209,7 +209,7 @@ mod tests {
         if testing::open().is_none() {
             return;
         }
-        let adapter = adapter::pick(AdapterChoice::from_flag(None).name.as_deref()).unwrap();
+        let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
         let gpu = Gpu::from_host(device, queue, &Default::default()).unwrap();
         assert!(Timer::new(&gpu, &["pass"]).unwrap().is_none());
