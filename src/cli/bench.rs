@@ -156,11 +156,19 @@ impl Bench {
             BackendName::Gpu => vec![Candidate::Gpu(choice)],
             BackendName::Auto if choice.name.is_some() => vec![Candidate::Cpu, Candidate::Gpu(choice)],
             BackendName::Auto => {
-                let (software, hardware): (Vec<_>, Vec<_>) = adapter::list().into_iter().partition(|found| found.software);
+                let (software, hardware): (Vec<_>, Vec<_>) =
+                    adapter::list().into_iter().partition(|found| found.software);
                 let name = |found: AdapterReport| format!("{} ({})", found.name, found.backend);
-                let gpus = hardware.into_iter().map(|found| Candidate::Gpu(AdapterChoice::named(name(found))));
-                let unmeasured = software.into_iter().map(|found| format!("{} was not measured: it is {SOFTWARE}", name(found)));
-                return (std::iter::once(Candidate::Cpu).chain(gpus).collect(), unmeasured.collect());
+                let gpus = hardware
+                    .into_iter()
+                    .map(|found| Candidate::Gpu(AdapterChoice::named(name(found))));
+                let unmeasured = software
+                    .into_iter()
+                    .map(|found| format!("{} was not measured: it is {SOFTWARE}", name(found)));
+                return (
+                    std::iter::once(Candidate::Cpu).chain(gpus).collect(),
+                    unmeasured.collect(),
+                );
             }
         };
         (candidates, Vec::new())

@@ -266,7 +266,10 @@ mod tests {
             match_title(&titles, &choice).unwrap_err().to_string()
         };
         let bogus = message(b"bogus");
-        assert!(bogus.contains("'bogus' (from INSONIFY_ADAPTER); available: llvmpipe"), "{bogus}");
+        assert!(
+            bogus.contains("'bogus' (from INSONIFY_ADAPTER); available: llvmpipe"),
+            "{bogus}"
+        );
         assert!(message(b"llvm\xff").contains("(from INSONIFY_ADAPTER, which is not UTF-8)"));
     }
 

@@ -57,7 +57,9 @@ impl Means {
         for found in adapter::list() {
             let name = format!("{} ({})", found.name, found.backend);
             if found.software {
-                means.missing.push(format!("{name} was not measured: it is {}", adapter::SOFTWARE));
+                means
+                    .missing
+                    .push(format!("{name} was not measured: it is {}", adapter::SOFTWARE));
                 continue;
             }
             match Gpu::open(&AdapterChoice::named(name.clone()), &Needs::default()) {
