@@ -8,7 +8,6 @@ use std::error::Error;
 use std::io;
 
 use insonify::gpu::{AdapterChoice, Gpu, Needs, adapter};
-use insonify::mechanics::insertion::StepError;
 use insonify::scenario::ScenarioFile;
 use insonify::scenario::record::Record;
 use insonify::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};

@@ -16,6 +16,7 @@ use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
     self, Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
 };
+use crate::memory;
 use crate::plan::Plan;
 use contents::contents;
 use warp::Warp;
@@ -88,6 +89,9 @@ impl GpuExecutor {
 
     /// Adapts to a changed plan: makes what is new, drops what is not called for, uploads what changed.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
+        if self.gpu.report().software {
+            memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
+        }
         self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
         let parts = |resource: Resource, bands: &[Band]| if resource.is_per_pixel() { bands.len() } else { 1 };
         self.buffers
