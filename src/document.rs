@@ -91,9 +91,29 @@ pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<Unreadable>>(
     }
 }
 
+/// Parts that a dotted key may have (`toml`).
+const MOST_PARTS: usize = 79;
+
+/// The first key of more parts.
+fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
+    let mut start = 0;
+    for line in text.split_inclusive('\n') {
+        let key = line.split(['=', '#', '\n']).next().unwrap_or_default();
+        if key.matches('.').count() >= MOST_PARTS {
+            return Some(start..start + key.trim_end().len());
+        }
+        start += line.len();
+    }
+    None
+}
+
 fn unreadable<T: JsonSchema, P: From<Unreadable>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
     let message = error.message();
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
+    if message == "recursion limit" {
+        let problem = Unreadable::Syntax(format!("a key of more than {MOST_PARTS} parts"));
+        return Fault::new(problem).in_text(source, long_key(source.text()));
+    }
     let Some((key, known)) = suggest::unknown_field(message) else {
         let help = suggest::unknown_variant(message);
         return Fault::new(Unreadable::Syntax(message.trim_end().replace('\n', "; ")))

@@ -24,6 +24,7 @@
 //! | [`statics`] | static problems as a user writes them |
 //! | [`beam_case`] | needles bent at their base as a user writes them |
 //! | [`study`] | benchmarks, hard cases, and what made a pixel |
+//! | [`text`] | text from files made fit for a terminal |
 //! | [`output`] | PNG, image sequences, sidecars |
 //!
 //! # Axes and units
@@ -54,6 +55,7 @@ pub mod simulator;
 pub mod statics;
 pub mod study;
 pub mod synth;
+pub mod text;
 pub mod tissue;
 pub mod tracking;
 pub mod volume;

@@ -9,7 +9,7 @@ use insonify::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::quality::QualityArgs;
-use super::terminal::{say, warn};
+use super::terminal::{note, warn};
 
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
@@ -61,9 +61,7 @@ impl Input {
     pub fn scene(&self, backend: &BackendArgs, quiet: bool) -> Result<(Scene, Option<Picked>), Failure> {
         let mut scene = self.load()?;
         if !quiet {
-            for note in &scene.notes {
-                say(format_args!("note: {note}"));
-            }
+            scene.notes.iter().for_each(note);
         }
         scene.warnings.iter().for_each(warn);
         let picked = self.quality.frames(&mut scene, backend, quiet)?;

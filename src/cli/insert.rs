@@ -190,10 +190,7 @@ impl Insert {
         bar.finish_and_clear();
         let scenario = scenario?;
         if !self.quiet {
-            scenario
-                .notes
-                .iter()
-                .for_each(|note| terminal::say(format_args!("note: {note}")));
+            scenario.notes.iter().for_each(terminal::note);
         }
         scenario.warnings.iter().for_each(terminal::warn);
         if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {

@@ -1,10 +1,12 @@
 //! Words to the user: results on standard output, everything else on standard error.
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use miette::MietteHandlerOpts;
+use insonify::text::{MESSAGE, clipped, printable};
+use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, SourceCode};
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -13,7 +15,7 @@ use super::failure::Failure;
 pub fn emit(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let line_end = if text.ends_with('\n') { "" } else { "\n" };
-    match write!(out, "{text}{line_end}").and_then(|()| out.flush()) {
+    match write!(out, "{}{line_end}", printable(text)).and_then(|()| out.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::Output(error)),
         _ => Ok(()),
     }
@@ -22,17 +24,30 @@ pub fn emit(text: &str) -> Result<(), Failure> {
 /// Writes a result to standard output as indented JSON.
 pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?;
-    emit(&text)
+    // A terminal obeys more than JSON has to escape.
+    let control = |c: char| c.is_control() && c != '\n';
+    let escaped = text
+        .split_inclusive(control)
+        .map(|part| match part.chars().next_back() {
+            Some(c) if control(c) => Cow::Owned(format!("{}\\u{:04x}", part.trim_end_matches(c), u32::from(c))),
+            _ => Cow::Borrowed(part),
+        });
+    emit(&escaped.collect::<String>())
 }
 
 /// Says something to the user on standard error; a closed one is no failure.
 pub fn say(text: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{text}");
+    let _ = writeln!(io::stderr().lock(), "{}", printable(&text.to_string()));
 }
 
-/// Warns the user.
+/// Warns the user, on one line.
 pub fn warn(text: impl Display) {
-    say(format_args!("warning: {text}"));
+    say(clipped(&format!("warning: {text}"), MESSAGE));
+}
+
+/// Tells the user of something that is as it should be, on one line.
+pub fn note(text: impl Display) {
+    say(clipped(&format!("note: {text}"), MESSAGE));
 }
 
 /// Tells of a failure, with the lines of the file that it is about. Lines are wrapped for people, not for programs.
@@ -44,7 +59,41 @@ pub fn report(failure: Failure) {
     }
     // Fails only where a hook is set already, which serves as well.
     let _ = miette::set_hook(Box::new(move |_| Box::new(options.clone().build())));
-    say(format_args!("{:?}", miette::Report::new(failure)));
+    // Not through `say`: the colours are ours.
+    let _ = writeln!(io::stderr().lock(), "{:?}", miette::Report::new(Shown::from(failure)));
+}
+
+/// A failure as it is shown: on one line, without control characters. Its source code is without them already.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+struct Shown {
+    message: String,
+    help: Option<String>,
+    failure: Failure,
+}
+
+impl From<Failure> for Shown {
+    fn from(failure: Failure) -> Self {
+        Self {
+            message: clipped(&failure.to_string(), MESSAGE),
+            help: failure.help().map(|help| clipped(&help.to_string(), MESSAGE)),
+            failure,
+        }
+    }
+}
+
+impl Diagnostic for Shown {
+    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
+        self.help.as_ref().map(|help| Box::new(help) as Box<dyn Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.failure.source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.failure.labels()
+    }
 }
 
 /// Steps of the bar that [`share`] makes.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use super::Source;
+use crate::text::{MESSAGE, clipped, head, printable, tail};
 
 /// What is wrong with a file, the key that it is about and where that stands in the text.
 ///
@@ -25,9 +26,19 @@ struct Inner<P> {
     help: Option<String>,
 }
 
+/// The line that a fault is in with those around it, cut to what can be read.
 #[derive(Debug)]
 struct Place {
-    source: Arc<Source>,
+    /// Name of the file.
+    name: String,
+    /// The line in the file, from 1.
+    line: usize,
+    /// Characters before the fault in its line.
+    column: usize,
+    text: String,
+    /// Lines of the file before the text.
+    lines_before: usize,
+    /// The fault in the text.
     span: Range<usize>,
 }
 
@@ -43,9 +54,8 @@ impl<P> Fault<P> {
     }
 
     pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
-        let source = Arc::clone(source);
         self.0.file = Some(source.name().to_owned());
-        self.0.place = span.map(|span| Place { source, span });
+        self.0.place = span.map(|span| Place::new(source, &span));
         self
     }
 
@@ -88,8 +98,7 @@ impl<P> Fault<P> {
 
     /// Name of the file and line (from 1), where the key is written in one.
     pub fn location(&self) -> Option<(&str, usize)> {
-        let place = self.0.place.as_ref()?;
-        Some((place.source.name(), place.source.line(place.span.start)))
+        self.0.place.as_ref().map(|place| (place.name.as_str(), place.line))
     }
 }
 
@@ -98,7 +107,7 @@ impl<P: fmt::Display> fmt::Display for Fault<P> {
         if let Some(key) = &self.0.key {
             write!(f, "{key}: ")?;
         }
-        write!(f, "{}", self.0.problem)?;
+        f.write_str(&clipped(&self.0.problem.to_string(), MESSAGE / 2))?;
         match self.location() {
             Some((name, line)) => write!(f, " ({name}, line {line})"),
             None => self.0.file.as_ref().map_or(Ok(()), |name| write!(f, " ({name})")),
@@ -128,6 +137,40 @@ impl<P: std::error::Error> Diagnostic for Fault<P> {
     }
 }
 
+impl Place {
+    fn new(source: &Source, span: &Range<usize>) -> Self {
+        /// Columns of text before a fault, of the fault, after it, and of another line.
+        const SHOWN: [usize; 4] = [40, 60, 40, 120];
+        let text = source.text();
+        let start = text.floor_char_boundary(span.start);
+        let begin = text[..start].rfind('\n').map_or(0, |feed| feed + 1);
+        let until_feed = |from: usize| text[from..].find('\n').map_or(text.len(), |feed| from + feed);
+        let end = until_feed(start);
+        let fault_end = text.ceil_char_boundary(span.end).clamp(start, end);
+        let whole = |line: &str| head(line.trim_end_matches('\r'), SHOWN[3]);
+        let before = begin.checked_sub(1).map(|feed| {
+            let from = text[..feed].rfind('\n').map_or(0, |feed| feed + 1);
+            whole(&text[from..feed]) + "\n"
+        });
+        let after = (end < text.len()).then(|| "\n".to_owned() + &whole(&text[end + 1..until_feed(end + 1)]));
+        let line = source.line(start);
+        let mut shown = before.clone().unwrap_or_default() + &tail(&text[begin..start], SHOWN[0]);
+        let first = shown.len();
+        shown += &head(&text[start..fault_end], SHOWN[1]);
+        let span = first..shown.len();
+        shown += &head(text[fault_end..end].trim_end_matches('\r'), SHOWN[2]);
+        shown += &after.unwrap_or_default();
+        Self {
+            name: printable(source.name()).into_owned(),
+            line,
+            column: text[begin..start].chars().count(),
+            lines_before: line - 1 - usize::from(before.is_some()),
+            text: shown,
+            span,
+        }
+    }
+}
+
 impl SourceCode for Place {
     fn read_span<'a>(
         &'a self,
@@ -135,13 +178,14 @@ impl SourceCode for Place {
         before: usize,
         after: usize,
     ) -> Result<Box<dyn miette::SpanContents<'a> + 'a>, miette::MietteError> {
-        let inner = self.source.text().read_span(span, before, after)?;
+        let inner = self.text.read_span(span, before, after)?;
         Ok(Box::new(miette::MietteSpanContents::new_named(
-            self.source.name().to_owned(),
+            self.name.clone(),
             inner.data(),
             *inner.span(),
-            inner.line(),
-            inner.column(),
+            self.lines_before + inner.line(),
+            // With lines around it, the text begins with a line.
+            if before == 0 { self.column } else { 0 },
             inner.line_count(),
         )))
     }

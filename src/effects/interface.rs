@@ -56,7 +56,6 @@ static PASSES: &[Pass] = &[Pass {
     name: "interface",
     shader: concat!(
         include_str!("../../shaders/common/label_row.wgsl"),
-        include_str!("../../shaders/common/power.wgsl"),
         include_str!("../../shaders/interface.wgsl")
     ),
     entry: "main",
@@ -80,7 +79,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `interface.wgsl`.
+/// Uniform block of `interface.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

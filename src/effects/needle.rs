@@ -75,10 +75,7 @@ pub const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "needle",
-    shader: concat!(
-        include_str!("../../shaders/common/power.wgsl"),
-        include_str!("../../shaders/needle.wgsl")
-    ),
+    shader: include_str!("../../shaders/needle.wgsl"),
     entry: "main",
     bindings: &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
     params,
@@ -101,7 +98,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `needle.wgsl`.
+/// Uniform block of `needle.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

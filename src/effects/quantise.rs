@@ -32,7 +32,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("a frame is made of bytes".into())
 }
 
-/// Parameter block of `quantise.wgsl`.
+/// Uniform block of `quantise.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

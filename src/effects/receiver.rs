@@ -102,7 +102,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `receiver.wgsl`.
+/// Uniform block of `receiver.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

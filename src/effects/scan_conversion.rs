@@ -33,7 +33,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame becomes pixels".into())
 }
 
-/// Parameter block of `scan_conversion.wgsl`.
+/// Uniform block of `scan_conversion.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -172,7 +172,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Parameter block of `shadow.wgsl`.
+/// Uniform block of `shadow.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

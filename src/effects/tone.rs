@@ -101,10 +101,7 @@ pub const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "tone",
-    shader: concat!(
-        include_str!("../../shaders/common/power.wgsl"),
-        include_str!("../../shaders/tone.wgsl")
-    ),
+    shader: include_str!("../../shaders/tone.wgsl"),
     entry: "main",
     bindings: &[(Gain, Read), (Amplitude, Write)],
     params,
@@ -121,7 +118,7 @@ fn wanted(tables: &Tables) -> Verdict {
     })
 }
 
-/// Parameter block of `tone.wgsl`.
+/// Uniform block of `tone.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -60,9 +60,12 @@ pub(crate) fn create_beside(path: &Path) -> Result<NamedTempFile, WriteError> {
         // The process's umask narrows these, as for any file a program creates.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder
-        .tempfile_in(folder)
-        .map_err(|cause| WriteError::new(path, cause))
+    builder.tempfile_in(folder).map_err(|cause| {
+        // The name of the temporary file is nobody's concern.
+        let said = cause.to_string();
+        let said = said.split(" at path ").next().unwrap_or_default();
+        WriteError::new(path, io::Error::new(cause.kind(), said))
+    })
 }
 
 /// Gives a finished temporary file its name.
@@ -96,7 +99,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let onto_folder = write(folder.path(), |w| w.write_all(b"x")).unwrap_err();
         assert!(onto_folder.to_string().contains("not a regular file"), "{onto_folder}");
-        assert!(write(&folder.path().join("no/such/file"), |w| w.write_all(b"x")).is_err());
+        let missing = write(&folder.path().join("no/such/file"), |w| w.write_all(b"x")).unwrap_err();
+        assert!(!missing.to_string().contains(".insonify-"), "{missing}");
     }
 
     #[cfg(unix)]

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::LabelVolume;
+use crate::text::{self, column};
 
 /// Name of the background in listings.
 const BACKGROUND: &str = "unlabelled";
@@ -100,7 +101,7 @@ impl fmt::Display for Info {
         let [x, y, z] = self.size;
         let [dx, dy, dz] = self.spacing_mm;
         let [ox, oy, oz] = self.origin_mm;
-        writeln!(f, "file         {}", self.file)?;
+        writeln!(f, "file         {}", text::clipped(&self.file, text::MESSAGE))?;
         writeln!(f, "size         {x} x {y} x {z} voxels")?;
         writeln!(f, "spacing      {dx:.4} x {dy:.4} x {dz:.4} mm")?;
         writeln!(
@@ -110,18 +111,17 @@ impl fmt::Display for Info {
         )?;
         writeln!(f, "origin       {ox:.3}, {oy:.3}, {oz:.3} mm (LPS)")?;
         writeln!(f)?;
-        let named = self.labels.iter().map(|label| label.name.chars().count()).max();
-        let width = named.unwrap_or(0).max("name".len());
-        writeln!(f, "{:>6}  {:<width$}  {:>10}  {:>12}", "value", "name", "voxels", "ml")?;
-        for label in &self.labels {
+        let names = column("name", self.labels.iter().map(|label| label.name.as_str()));
+        writeln!(f, "{:>6}  {}  {:>10}  {:>12}", "value", names[0], "voxels", "ml")?;
+        for (label, name) in self.labels.iter().zip(&names[1..]) {
             writeln!(
                 f,
-                "{:>6}  {:<width$}  {:>10}  {:>12.2}",
-                label.value, label.name, label.voxels, label.millilitres
+                "{:>6}  {name}  {:>10}  {:>12.2}",
+                label.value, label.voxels, label.millilitres
             )?;
         }
         for warning in &self.warnings {
-            writeln!(f, "warning: {warning}")?;
+            writeln!(f, "warning: {}", text::clipped(warning, text::MESSAGE))?;
         }
         Ok(())
     }

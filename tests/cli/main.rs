@@ -8,6 +8,7 @@ mod frames;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
+mod hostile_text;
 mod insert;
 mod insert_far;
 mod insert_ready;

@@ -8,6 +8,7 @@ use clap::Args;
 use insonify::mechanics::mesh::file::write_vtu;
 use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
 use insonify::phantom::{self, Phantom, PhantomOptions};
+use insonify::text::column;
 use insonify::volume::complete::{CompleteOptions, complete};
 use insonify::volume::{Label, LabelVolume, load};
 use serde::Serialize;
@@ -114,9 +115,7 @@ impl Make {
             notes.push("unlabelled voxels are outside, as asked: nothing was filled".to_owned());
         }
         if !self.quiet {
-            notes
-                .iter()
-                .for_each(|note| terminal::say(format_args!("note: {note}")));
+            notes.iter().for_each(terminal::note);
         }
         let regions = self.regions(&volume)?;
         let grid = LabelGrid {
@@ -302,19 +301,18 @@ impl Report {
             self.max_jacobian_condition,
             self.mislabelled_percent,
         );
-        let named = self.regions.iter().map(|region| region.name.chars().count()).max();
-        let width = named.unwrap_or(0).max("name".len());
+        let names = column("name", self.regions.iter().map(|region| region.name.as_str()));
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "{:>6}  {:<width$}  {:>10}  {:>10}  {:>8}",
-            "region", "name", "voxels ml", "mesh ml", "error %"
+            "{:>6}  {}  {:>10}  {:>10}  {:>8}",
+            "region", names[0], "voxels ml", "mesh ml", "error %"
         );
-        for region in &self.regions {
+        for (region, name) in self.regions.iter().zip(&names[1..]) {
             let _ = writeln!(
                 text,
-                "{:>6}  {:<width$}  {:>10.2}  {:>10.2}  {:>8.2}",
-                region.value, region.name, region.voxels_ml, region.mesh_ml, region.error_percent
+                "{:>6}  {name}  {:>10.2}  {:>10.2}  {:>8.2}",
+                region.value, region.voxels_ml, region.mesh_ml, region.error_percent
             );
         }
         text

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use clap::Args;
-use insonify::study::tradeoff::gather::Means;
 use insonify::study::tradeoff::image::{ImageOptions, study};
 
 use crate::cli::backend::{BackendArgs, BackendName};
@@ -55,7 +54,7 @@ impl Image {
                 "ask for auto, cpu or gpu",
             ));
         }
-        let Means { gpus, missing } = self.backend.gpus()?;
+        let (gpus, missing) = self.backend.gpus()?;
         let mut options = match self.quick {
             true => ImageOptions::quick(gpus),
             false => ImageOptions::whole(gpus),

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::text;
+
 /// Everything that is known of a pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PixelReport {
@@ -174,6 +176,11 @@ impl fmt::Display for PixelReport {
     }
 }
 
+/// A name from a file, on one line.
+fn named(name: &str) -> String {
+    text::head(name, text::WIDEST_NAME)
+}
+
 fn triple([x, y, z]: [f64; 3]) -> String {
     format!("({x:.3}, {y:.3}, {z:.3})")
 }
@@ -207,7 +214,7 @@ impl fmt::Display for SampleReport {
         let label = &self.label;
         write!(f, "label           {}", label.value)?;
         if let Some(name) = &label.name {
-            write!(f, " ({name})")?;
+            write!(f, " ({})", named(name))?;
         }
         match label.voxel {
             Some(voxel) => writeln!(f, ", voxel {voxel:?}")?,
@@ -216,10 +223,13 @@ impl fmt::Display for SampleReport {
         writeln!(
             f,
             "tissue          {}: echo {} dB, attenuation {} dB/cm/MHz, occlusion {} per mm",
-            label.tissue, label.echogenicity_db, label.attenuation_db_cm_mhz, label.occlusion_per_mm
+            named(&label.tissue),
+            label.echogenicity_db,
+            label.attenuation_db_cm_mhz,
+            label.occlusion_per_mm
         )?;
         if let Some(texture) = &self.texture {
-            writeln!(f, "texture         {}: x {:.4}", texture.name, texture.value)?;
+            writeln!(f, "texture         {}: x {:.4}", named(&texture.name), texture.value)?;
         }
         if let Some(factor) = self.speckle {
             writeln!(f, "speckle         x {factor:.4}")?;
@@ -234,7 +244,13 @@ impl fmt::Display for SampleReport {
                 shadow.transmittance, shadow.loss_db
             )?;
             for taken in &shadow.taken_by {
-                writeln!(f, "  {:<22} {:>8.2} mm {:>10.3} dB", taken.by, taken.mm, taken.db)?;
+                writeln!(
+                    f,
+                    "  {:<22} {:>8.2} mm {:>10.3} dB",
+                    named(&taken.by),
+                    taken.mm,
+                    taken.db
+                )?;
             }
         }
         if !self.blur.is_empty() {

@@ -11,7 +11,7 @@ mod grain;
 mod hashes;
 mod moved;
 mod random;
-pub(super) mod setup;
+mod setup;
 
 use super::case::{Case, Group};
 

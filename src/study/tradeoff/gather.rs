@@ -51,18 +51,15 @@ pub struct Means {
 }
 
 impl Means {
-    /// All hardware devices of this machine; software ones run on the CPU.
+    /// All devices of this machine.
     pub fn here() -> Self {
         let mut means = Means::default();
         for found in adapter::list() {
             let name = format!("{} ({})", found.name, found.backend);
-            if found.software {
-                means
-                    .missing
-                    .push(format!("{name} was not measured: it is {}", adapter::SOFTWARE));
-                continue;
-            }
-            match Gpu::open(&AdapterChoice::named(name.clone()), &Needs::default()) {
+            let choice = AdapterChoice {
+                name: Some(name.clone()),
+            };
+            match Gpu::open(&choice, &Needs::default()) {
                 Ok(gpu) => means.gpus.push(gpu),
                 Err(error) => means.missing.push(format!("{name} was not measured: {error}")),
             }

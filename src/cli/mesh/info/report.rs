@@ -5,6 +5,7 @@ use std::path::Path;
 
 use insonify::mechanics::mesh::file::MeshFile;
 use insonify::mechanics::mesh::quality::{Quality, Spread};
+use insonify::text;
 use serde::Serialize;
 
 /// Everything that is told.
@@ -149,7 +150,7 @@ fn warnings(file: &MeshFile, quality: &Quality) -> Vec<String> {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [low, high] = self.bounds_mm;
-        writeln!(f, "file         {}", self.file)?;
+        writeln!(f, "file         {}", text::clipped(&self.file, text::MESSAGE))?;
         writeln!(f, "nodes        {}", self.nodes)?;
         write!(f, "elements     {} tetrahedra", self.elements)?;
         match self.skipped_cells {
@@ -174,7 +175,7 @@ impl fmt::Display for Report {
         writeln!(f)?;
         self.quality.shapes(f)?;
         for warning in &self.warnings {
-            writeln!(f, "warning: {warning}")?;
+            writeln!(f, "warning: {}", text::clipped(warning, text::MESSAGE))?;
         }
         Ok(())
     }
@@ -182,22 +183,16 @@ impl fmt::Display for Report {
 
 impl Report {
     fn regions(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = self.regions.iter().filter_map(|region| region.name.as_deref());
-        let width = names
-            .map(|name| name.chars().count())
-            .max()
-            .unwrap_or(0)
-            .max("name".len());
-        writeln!(
-            f,
-            "{:>6}  {:<width$}  {:>10}  {:>12}",
-            "region", "name", "elements", "ml"
-        )?;
-        for region in &self.regions {
-            let name = region.name.as_deref().unwrap_or_default();
+        let names = self
+            .regions
+            .iter()
+            .map(|region| region.name.as_deref().unwrap_or_default());
+        let names = text::column("name", names);
+        writeln!(f, "{:>6}  {}  {:>10}  {:>12}", "region", names[0], "elements", "ml")?;
+        for (region, name) in self.regions.iter().zip(&names[1..]) {
             writeln!(
                 f,
-                "{:>6}  {name:<width$}  {:>10}  {:>12.2}",
+                "{:>6}  {name}  {:>10}  {:>12.2}",
                 region.value, region.elements, region.volume_ml
             )?;
         }
