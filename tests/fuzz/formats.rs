@@ -1,0 +1,439 @@
+//! The formats, and how far a case of each goes: what a command would do with the file, where that is little work.
+
+use std::io::Write;
+use std::path::Path;
+use std::time::Duration;
+
+use flate2::Compression as Level;
+use flate2::write::GzEncoder;
+use insonify::beam_case::{self, points};
+use insonify::error::Error;
+use insonify::material_case;
+use insonify::mechanics::mesh::file::{ReadOptions, read_mesh, read_mesh_bytes, write_vtu};
+use insonify::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
+use insonify::mechanics::mesh::quality::Quality;
+use insonify::mechanics::needle::beam::{Compression, fit};
+use insonify::quality::cache::Cache;
+use insonify::quality::{Costs, pick};
+use insonify::scenario::{self, ScenarioFile, SceneSource};
+use insonify::scene::{self, ImageSpec, SceneFile};
+use insonify::statics::{self, ProblemFile};
+use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::tracking::calibration::{PlusCalibration, transducer_to_probe};
+use insonify::tracking::sequence::Sequence;
+use insonify::tracking::trajectory::Trajectory;
+use insonify::volume::texture::{SolidTexture, TextureOptions};
+use insonify::volume::{describe, load, load_scalar, save};
+use nalgebra::Matrix4;
+
+use crate::corpus;
+use crate::mutate::Dice;
+
+/// What is done with a case: its file, the bytes in it, and chances for what is done now and then.
+type Run = fn(&Path, &[u8], &mut Dice) -> Result<(), Error>;
+
+/// A format of files.
+pub struct Format {
+    pub name: &'static str,
+    /// Name of the file of a case.
+    pub file: &'static str,
+    /// Whether numbers in it are mostly binary.
+    pub binary: bool,
+    /// Sound files; the first cases are these.
+    pub corpus: Vec<Vec<u8>>,
+    pub run: Run,
+}
+
+/// All of them, with the files that cases name put into `folder`.
+pub fn all(folder: &Path) -> Vec<Format> {
+    corpus::beside(folder);
+    let saved = |name| corpus::saved(folder, name);
+    let nifti = saved("a.nii");
+    let mut pair = nifti[..348].to_vec();
+    pair[108..112].fill(0);
+    pair[344..348].copy_from_slice(b"ni1\0");
+    let text = |all: &[&str]| all.iter().map(|text| text.as_bytes().to_vec()).collect::<Vec<_>>();
+    let named = |all: &[(&str, &str)]| all.iter().map(|(_, text)| text.as_bytes().to_vec()).collect::<Vec<_>>();
+    let course = format!(
+        "{}{}",
+        corpus::PROBLEM.replace("linear", "viscoelastic"),
+        corpus::COURSE
+    );
+    let of = |name, file, binary, corpus, run| Format {
+        name,
+        file,
+        binary,
+        corpus,
+        run,
+    };
+    vec![
+        of("nifti", "case.nii", true, vec![nifti.clone()], labels),
+        of("nifti-gz", "case.nii.gz", true, vec![nifti], packed),
+        of("nifti-pair", "pair.hdr", true, vec![pair], labels),
+        of(
+            "gzip",
+            "case.gz",
+            true,
+            vec![saved("a.nii.gz"), saved("a.nrrd"), saved("a.mha")],
+            labels,
+        ),
+        of(
+            "nrrd",
+            "case.nrrd",
+            false,
+            vec![corpus::nrrd("encoding: raw\n\n"), saved("a.nrrd"), corpus::texture()],
+            labels,
+        ),
+        of(
+            "seg-nrrd",
+            "case.seg.nrrd",
+            false,
+            vec![corpus::nrrd("encoding: raw\n\n"), saved("a.seg.nrrd")],
+            labels,
+        ),
+        of(
+            "nhdr",
+            "case.nhdr",
+            false,
+            vec![
+                corpus::nrrd("encoding: raw\ndata file: labels.raw\n"),
+                corpus::nrrd("encoding: raw\nline skip: 0\nbyte skip: -1\ndata file: LIST\nlabels.raw\n"),
+            ],
+            labels,
+        ),
+        of(
+            "metaimage",
+            "case.mha",
+            false,
+            vec![
+                corpus::metaimage("LOCAL"),
+                corpus::metaimage("labels.raw"),
+                saved("a.mha"),
+            ],
+            labels,
+        ),
+        of(
+            "texture",
+            "case.nrrd",
+            false,
+            vec![corpus::texture(), corpus::nrrd("encoding: raw\n\n")],
+            texture,
+        ),
+        of(
+            "sequence-mha",
+            "case.igs.mha",
+            false,
+            vec![corpus::sequence(false)],
+            sequence,
+        ),
+        of(
+            "sequence-nrrd",
+            "case.igs.nrrd",
+            false,
+            vec![corpus::sequence(true)],
+            sequence,
+        ),
+        of(
+            "gmsh",
+            "case.msh",
+            false,
+            vec![corpus::gmsh22(true), corpus::gmsh41(true)],
+            mesh,
+        ),
+        of(
+            "gmsh-binary",
+            "case.msh",
+            true,
+            vec![corpus::gmsh22(false), corpus::gmsh41(false)],
+            mesh,
+        ),
+        of(
+            "vtk",
+            "case.vtk",
+            false,
+            vec![corpus::vtk(true, false), corpus::vtk(true, true)],
+            mesh,
+        ),
+        of(
+            "vtk-binary",
+            "case.vtk",
+            true,
+            vec![corpus::vtk(false, false), corpus::vtk(false, true)],
+            mesh,
+        ),
+        of(
+            "vtu",
+            "case.vtu",
+            false,
+            vec![corpus::vtu(folder), corpus::VTU.into()],
+            mesh,
+        ),
+        of(
+            "scene",
+            "case.toml",
+            false,
+            [text(&[corpus::SCENE]), named(scene::EXAMPLES)].concat(),
+            scene,
+        ),
+        of(
+            "scenario",
+            "case.toml",
+            false,
+            [text(&[corpus::SCENARIO]), named(scenario::EXAMPLES)].concat(),
+            scenario,
+        ),
+        of(
+            "problem",
+            "case.toml",
+            false,
+            text(&[corpus::PROBLEM, &course, statics::EXAMPLE, statics::CREEP]),
+            problem,
+        ),
+        of("beam", "case.toml", false, text(&[beam_case::EXAMPLE]), beam),
+        of(
+            "material",
+            "case.toml",
+            false,
+            text(&[material_case::EXAMPLE]),
+            material,
+        ),
+        of(
+            "poses",
+            "case.csv",
+            false,
+            text(&[corpus::POSES, corpus::AIMED, corpus::MATRICES]),
+            poses,
+        ),
+        of("points", "case.csv", false, text(&[corpus::POINTS]), stretches),
+        of("plus-xml", "case.xml", false, text(&[corpus::XML]), calibration),
+        of("costs", "case.json", false, text(&[corpus::COSTS]), costs),
+    ]
+}
+
+fn beside<'a>(path: &'a Path, name: &str) -> (&'a Path, std::path::PathBuf) {
+    let folder = path.parent().expect("a folder");
+    (folder, folder.join("out").join(name))
+}
+
+/// `info`, `mesh make`, `render --labels`, and writing in every format.
+fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
+    let loaded = load(path)?;
+    let volume = &loaded.volume;
+    let _ = describe(volume, path, &loaded.warnings).to_string();
+    if volume.voxels().len() > 10_000 {
+        return Ok(());
+    }
+    let name = ["a.nii", "a.nii.gz", "a.nrrd", "a.seg.nrrd", "a.mha"][dice.below(5)];
+    let (folder, out) = beside(path, name);
+    save(volume, &out)?;
+    match dice.below(32) {
+        0 => {
+            let regions: Vec<(u8, i32)> = (1..volume.labels().len())
+                .map(|index| (index as u8, index as i32))
+                .collect();
+            let grid = LabelGrid {
+                labels: volume.voxels(),
+                size: volume.size(),
+                index_to_world: *volume.index_to_world(),
+                regions: &regions,
+            };
+            let _ = generate(&grid, 60, &GenerateOptions::default(), |_| {});
+        }
+        1..4 => {
+            let _ = rendered(SceneFile::for_labels(path), folder);
+        }
+        _ => {}
+    }
+    Ok(())
+}
+
+/// The bytes inside a compressed file.
+fn packed(path: &Path, bytes: &[u8], dice: &mut Dice) -> Result<(), Error> {
+    let mut packed = GzEncoder::new(Vec::new(), Level::fast());
+    packed
+        .write_all(bytes)
+        .and_then(|()| std::fs::write(path, packed.finish()?))
+        .expect("written");
+    labels(path, bytes, dice)
+}
+
+fn texture(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let image = load_scalar(path)?;
+    let _ = SolidTexture::from_scalar(image.size, image.spacing_mm, image.data, &TextureOptions::default())
+        .map(|texture| texture.sample([0.3_f64, -7.0, 1e9]));
+    Ok(())
+}
+
+fn sequence(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let _ = Sequence::read_poses(path).map_err(|error| error.to_string());
+    let sequence = Sequence::read(path)?;
+    for frame in 0..sequence.frames.len().min(4) {
+        let _ = (sequence.image(frame), sequence.transform(frame, "Probe", "Needle"));
+    }
+    Ok(())
+}
+
+/// `mesh info`, writing, and a static problem on it.
+fn mesh(path: &Path, bytes: &[u8], dice: &mut Dice) -> Result<(), Error> {
+    let file = read_mesh_bytes(bytes, path, &ReadOptions::default())?;
+    let usable = Quality::of(&file.mesh, &file.current()).usable().is_ok();
+    let (folder, out) = beside(path, "a.vtu");
+    write_vtu(&out, &file.mesh, file.displacements.as_deref())?;
+    let again = read_mesh(&out, &ReadOptions::default())?;
+    assert_eq!(
+        again.mesh.elements(),
+        file.mesh.elements(),
+        "a mesh that was written reads as another"
+    );
+    if usable && dice.below(4) == 0 {
+        let name = path.file_name().expect("a name").to_string_lossy();
+        let text = corpus::PROBLEM.replace("block.msh", &name);
+        let _ = ProblemFile::parse(&text, "problem.toml")?
+            .resolve(folder)
+            .and_then(|problem| problem.solve());
+    }
+    Ok(())
+}
+
+/// A number of a file that makes work, cut to a little; what is out of range stays so.
+fn cut(number: Option<u32>, default: u32, most: u32, range: u32) -> Option<u32> {
+    let number = number.unwrap_or(default);
+    Some(if number <= range { number.min(most) } else { number })
+}
+
+/// `plan`, and `render` on a small grid.
+fn rendered(mut file: SceneFile, folder: &Path) -> Result<(), Error> {
+    little(&mut file);
+    let small = file.probe.is_some();
+    let scene = file.resolve(folder)?;
+    let mut state = FrameState::at(Matrix4::identity());
+    scene.state(0, scene.frames(), &mut state)?;
+    let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
+    let _ = synth.plan().report().to_string();
+    if small {
+        synth.render(&state)?;
+    }
+    Ok(())
+}
+
+fn little(file: &mut SceneFile) {
+    if let Some(volume) = file.volume.as_mut().filter(|volume| volume.phantom.is_some()) {
+        volume.resolution_mm = volume.resolution_mm.filter(|mm| !(0.3..5.0).contains(mm)).or(Some(5.0));
+    }
+    if let Some(probe) = &mut file.probe {
+        probe.lines = cut(probe.lines, 256, 16, 8192);
+        probe.samples = cut(probe.samples, 512, 32, 16384);
+    }
+    let image = file.image.get_or_insert_default();
+    *image = ImageSpec {
+        width: cut(Some(image.width), 0, 24, 16384).unwrap_or(0),
+        height: cut(Some(image.height), 0, 16, 16384).unwrap_or(0),
+        ..*image
+    };
+}
+
+fn scene(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let file = SceneFile::read(path)?;
+    // Phantoms take a hundred times as long as the rest.
+    match file.volume.as_ref().is_some_and(|volume| volume.phantom.is_some()) {
+        true => Ok(()),
+        false => rendered(file, beside(path, "").0),
+    }
+}
+
+fn scenario(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let mut file = ScenarioFile::read(path)?;
+    match &mut file.scene {
+        Some(SceneSource::Inline(scene)) if scene.volume.as_ref().is_none_or(|volume| volume.phantom.is_none()) => {
+            little(scene)
+        }
+        _ => return Ok(()),
+    }
+    if file.tissue.mesh.is_none() {
+        file.tissue.nodes = cut(file.tissue.nodes, 3300, 100, 1_000_000);
+    }
+    let mut scenario = file.resolve(beside(path, "").0, |_| {})?;
+    scenario.timing.steps = scenario.timing.steps.min(5);
+    scenario.trial(1.0, Duration::from_millis(20), |_| {}).map(drop)
+}
+
+fn problem(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let file = ProblemFile::read(path)?;
+    let long = file.history.as_ref().is_some_and(|history| {
+        let end = history.time_s.last().copied().unwrap_or(0.0);
+        end / history.step_s > 20.0 || history.time_s.len() > 20
+    });
+    let problem = file.resolve(beside(path, "").0)?;
+    if !long {
+        let solved = problem.solve()?;
+        let _ = statics::Report::new(&problem, &solved).to_string();
+    }
+    Ok(())
+}
+
+fn beam(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let case = beam_case::CaseFile::read(path)?.resolve()?;
+    let length: f64 = case.problem.layers.iter().map(|layer| layer.thickness_mm).sum();
+    if length / case.problem.element_mm < 1000.0 {
+        let shape = case.solve()?;
+        let _ = beam_case::Report::new(&shape).to_string();
+    }
+    Ok(())
+}
+
+fn material(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let case = material_case::CaseFile::read(path)?.resolve()?;
+    let report = case.run()?;
+    let _ = (report.warnings(), report.to_string());
+    Ok(())
+}
+
+fn poses(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let outcome = Trajectory::from_csv(path, Default::default());
+    bounded(outcome.map(|path| path.at(0.25)));
+    Ok(())
+}
+
+fn stretches(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let samples = points::read(path)?;
+    for compression in [Compression::UEng, Compression::UTru, Compression::CTru] {
+        let _ = fit::Fit::new(&samples, compression);
+    }
+    Ok(())
+}
+
+fn calibration(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    bounded(PlusCalibration::read(path).and_then(|read| {
+        let matrix = read.transform("Image", "Probe")?;
+        transducer_to_probe(&matrix, read.array_centre_px().unwrap_or_default())
+    }));
+    Ok(())
+}
+
+/// A cache in which the file is the one asked for.
+fn costs(path: &Path, bytes: &[u8], _: &mut Dice) -> Result<(), Error> {
+    let (_, out) = beside(path, "cache");
+    let cache = Cache::at(&out, "machine");
+    cache.put(&["thing"], &())?;
+    let kept = std::fs::read_dir(&out)
+        .expect("a folder")
+        .flatten()
+        .next()
+        .expect("a file")
+        .path();
+    std::fs::write(kept, bytes).expect("written");
+    if let Some(costs) = cache.get::<Costs>(&["thing"]) {
+        for budget in [0.0, 3.0, 1e9] {
+            let _ = pick("frame_ms", &costs, budget, |_| true);
+        }
+    }
+    Ok(())
+}
+
+/// Checks the message of an error.
+fn bounded<T, E: std::fmt::Display>(outcome: Result<T, E>) {
+    if let Err(error) = outcome {
+        let length = error.to_string().len();
+        assert!((1..20_000).contains(&length), "a message of {length} bytes");
+    }
+}

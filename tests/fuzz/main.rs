@@ -1,0 +1,164 @@
+//! Mutated files of every format, through what the commands do with them: each case ends with a result or a message of bounded
+//! length, within seconds, without a panic, and leaves no file where it failed.
+//!
+//! `INSONIFY_FUZZ_CASES` (of each format), `INSONIFY_FUZZ_SEED`, `INSONIFY_FUZZ_FORMAT` and `INSONIFY_FUZZ_FIRST` choose the cases.
+
+mod corpus;
+mod formats;
+mod mutate;
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use formats::Format;
+use mutate::Dice;
+
+/// Cases of each format where none are asked for: some ten seconds in all.
+const CASES: u64 = 400;
+/// Longest case, s.
+const PATIENCE_S: u64 = 10;
+/// Failures of one cause that are shown.
+const SHOWN: usize = 2;
+
+/// The case that runs: what reproduces it, its bytes, and since when.
+static RUNNING: Mutex<Option<(String, PathBuf, Vec<u8>, Instant)>> = Mutex::new(None);
+/// What the last panic said, and where.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+/// A number from the environment.
+fn number(name: &str, default: u64) -> u64 {
+    std::env::var(name).map_or(default, |text| {
+        text.parse()
+            .unwrap_or_else(|_| panic!("{name}: a whole number, not {text}"))
+    })
+}
+
+fn main() -> ExitCode {
+    let [cases, seed, first] = [("CASES", CASES), ("SEED", 0), ("FIRST", 0)]
+        .map(|(name, default)| number(&format!("INSONIFY_FUZZ_{name}"), default));
+    let only = std::env::var("INSONIFY_FUZZ_FORMAT").ok();
+    std::panic::set_hook(Box::new(|info| {
+        *PANIC.lock().unwrap() = info.to_string().replace('\n', ": ")
+    }));
+    std::thread::spawn(watch);
+    // In memory where the system has such a place.
+    let shared = Path::new("/dev/shm");
+    let folder = match shared.is_dir() {
+        true => tempfile::tempdir_in(shared),
+        false => tempfile::tempdir(),
+    };
+    let folder = folder.expect("a folder");
+    let mut causes: BTreeMap<String, usize> = BTreeMap::new();
+    let mut total = 0;
+    for format in formats::all(folder.path()) {
+        if only.as_ref().is_some_and(|only| only != format.name) {
+            continue;
+        }
+        let (start, mut accepted) = (Instant::now(), 0);
+        for case in first..first + cases {
+            match run(&format, folder.path(), seed, case) {
+                Ok(sound) => accepted += u64::from(sound),
+                Err(cause) => {
+                    let count = causes.entry(cause).or_default();
+                    *count += 1;
+                    if *count <= SHOWN {
+                        report();
+                    }
+                }
+            }
+        }
+        total += cases;
+        println!(
+            "{:<12} {cases} cases, {accepted} accepted, {:.1} s",
+            format.name,
+            start.elapsed().as_secs_f64()
+        );
+    }
+    println!("{total} cases with seed {seed}: {} causes of failure", causes.len());
+    for (cause, count) in &causes {
+        println!("{count:>8} x {cause}");
+    }
+    ExitCode::from(u8::from(!causes.is_empty() || total == 0))
+}
+
+/// Runs a case: whether its file was accepted, or why it failed.
+fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, String> {
+    let mut dice = Dice::new(seed, format.name, case);
+    let bytes = match usize::try_from(case).ok().and_then(|case| format.corpus.get(case)) {
+        Some(sound) => sound.clone(),
+        None => mutate::mutated(&format.corpus, format.binary, &mut dice),
+    };
+    let path = folder.join(format.file);
+    let out = folder.join("out");
+    let again = format!(
+        "INSONIFY_FUZZ_FORMAT={} INSONIFY_FUZZ_SEED={seed} INSONIFY_FUZZ_FIRST={case} INSONIFY_FUZZ_CASES=1 cargo test --test fuzz",
+        format.name
+    );
+    let kept =
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fuzz-{}-{seed}-{case}-{}", format.name, format.file));
+    *RUNNING.lock().unwrap() = Some((again, kept, bytes.clone(), Instant::now()));
+    std::fs::create_dir(&out)
+        .and_then(|()| std::fs::write(&path, &bytes))
+        .expect("a folder that can be written");
+    let entries = || std::fs::read_dir(folder).map_or(0, Iterator::count);
+    let before = entries();
+    let outcome = catch_unwind(AssertUnwindSafe(|| (format.run)(&path, &bytes, &mut dice)));
+    let names = |entry: std::io::Result<std::fs::DirEntry>| entry.map(|entry| entry.file_name().into_encoded_bytes());
+    let written: Vec<Vec<u8>> = std::fs::read_dir(&out).into_iter().flatten().flat_map(names).collect();
+    let stray = entries() != before || written.iter().any(|name| name.starts_with(b"."));
+    let _ = std::fs::remove_dir_all(&out);
+    if let Some(running) = RUNNING.lock().unwrap().as_mut() {
+        // Done: it is not late until then.
+        running.3 = Instant::now() + Duration::from_secs(1 << 20);
+    }
+    match outcome.map_err(|_| PANIC.lock().unwrap().clone())? {
+        Ok(()) if !stray => Ok(true),
+        Err(error) if !stray && written.is_empty() => told(error).and_then(|()| match case {
+            0 => Err(format!("{}: a sound file is refused", format.name)),
+            _ => Ok(false),
+        }),
+        _ => Err(format!("{}: a file was left", format.name)),
+    }
+}
+
+/// Checks the message of an error, as text and beside its line.
+fn told(error: insonify::error::Error) -> Result<(), String> {
+    let message = error.to_string();
+    let shown = catch_unwind(AssertUnwindSafe(|| format!("{:?}", miette::Report::new(error))))
+        .map_err(|_| PANIC.lock().unwrap().clone())?;
+    match (message.len(), shown.len()) {
+        (0, _) => Err("an empty message".to_owned()),
+        (..20_000, ..40_000) => Ok(()),
+        _ => Err(format!(
+            "a message without end: {}",
+            message.chars().take(60).collect::<String>()
+        )),
+    }
+}
+
+/// Shows the case that ran last, and keeps its file.
+fn report() {
+    if let Some((again, kept, bytes, _)) = RUNNING.lock().unwrap().as_ref() {
+        let _ = std::fs::write(kept, bytes);
+        println!("FAILED: {}\n  {again}\n  {}", PANIC.lock().unwrap(), kept.display());
+        let _ = std::io::stdout().flush();
+    }
+}
+
+/// Ends the process where a case takes too long.
+fn watch() {
+    loop {
+        std::thread::sleep(Duration::from_millis(500));
+        let late = |(_, _, _, since): &(_, _, _, Instant)| since.elapsed() > Duration::from_secs(PATIENCE_S);
+        if RUNNING.lock().unwrap().as_ref().is_some_and(late) {
+            *PANIC.lock().unwrap() = format!("it takes more than {PATIENCE_S} s");
+            report();
+            std::process::abort();
+        }
+    }
+}
