@@ -7,7 +7,7 @@ struct Params {
     plane_mm: f32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> rays: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> positions: array<vec4<f32>>;
 

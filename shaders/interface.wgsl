@@ -10,7 +10,7 @@ struct Params {
     unused_c: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
 @group(0) @binding(3) var<storage, read> line_spacing: array<f32>;
@@ -46,6 +46,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let cosine = abs(axial) / steepness;
-    let share = 0.5 * abs(along.z - along.x) / total * pow(cosine, params.directivity);
+    let share = 0.5 * abs(along.z - along.x) / total * power(cosine, params.directivity);
     amplitudes[line * params.samples + sample] += params.mirror * share;
 }

@@ -20,7 +20,7 @@ struct Segment {
     end: vec4<f32>,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> rays: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> segments: array<Segment>;
 @group(0) @binding(3) var<storage, read_write> mask: array<vec2<f32>>;
@@ -78,7 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let len = length(span);
         let u = span / max(len, 1e-9);
         let cosine = dot(ray.zw, u.xy);
-        let square = pow(sqrt(max(1.0 - cosine * cosine, 0.0)), params.directivity);
+        let square = power(sqrt(max(1.0 - cosine * cosine, 0.0)), params.directivity);
         var echo = params.echo * square;
         for (var repetition = 0u; repetition <= params.reverberations; repetition++) {
             let shifted = depth - f32(repetition) * params.reverberation_mm;

@@ -5,7 +5,7 @@ struct Params {
     frame: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> power: array<f32>;
 @group(0) @binding(3) var<storage, read_write> amplitudes: array<f32>;

@@ -24,7 +24,7 @@ struct Params {
     add: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 
 const SIDE = 128u;
 const TILE = SIDE * SIDE;

@@ -6,7 +6,7 @@ struct Params {
     fill: f32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> beam: array<f32>;
 @group(0) @binding(2) var<storage, read> scan_map: array<vec2<f32>>;
 @group(0) @binding(3) var<storage, read_write> image: array<f32>;

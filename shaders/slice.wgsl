@@ -8,7 +8,7 @@ struct Params {
     unused: vec2<u32>,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> positions: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> voxels: array<u32>;
 @group(0) @binding(3) var<storage, read> label_rows: array<LabelRow>;

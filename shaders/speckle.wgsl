@@ -17,7 +17,7 @@ struct Params {
     unused: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 
 // scatter_pass
 @group(0) @binding(1) var<storage, read> positions: array<vec4<f32>>;

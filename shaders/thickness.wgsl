@@ -7,7 +7,7 @@ struct Params {
     unused: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read_write> amplitudes: array<f32>;
 
 @compute @workgroup_size(64)

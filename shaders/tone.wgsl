@@ -10,7 +10,7 @@ struct Params {
     unused_c: u32,
 }
 
-@group(0) @binding(0) var<uniform> params: Params;
+@group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> gain: array<f32>;
 @group(0) @binding(2) var<storage, read_write> amplitudes: array<f32>;
 
@@ -22,7 +22,7 @@ fn grey(amplitude: f32) -> f32 {
     if params.gamma == 1.0 {
         return 255.0 * share;
     }
-    return 255.0 * pow(share, params.gamma);
+    return 255.0 * power(share, params.gamma);
 }
 
 @compute @workgroup_size(64)

@@ -36,7 +36,7 @@ const BACKGROUND: f32 = 1.0;
 const FOLDED: f32 = 2.0;
 const OUTSIDE: f32 = 3.0;
 
-@group(0) @binding(0) var<uniform> params: WarpParams;
+@group(0) @binding(0) var<storage, read> params: WarpParams;
 @group(0) @binding(1) var<storage, read_write> positions: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> last_elements: array<u32>;
 @group(0) @binding(3) var<storage, read> frames: array<vec4<f32>>;

@@ -7,21 +7,21 @@
 //! | [`faults`] | [`Faults`]: errors that only handlers and callbacks hear of |
 //! | [`error`] | [`GpuError`] |
 //! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
-//! | [`uniforms`] | [`Uniforms`]: the parameters of all passes in one buffer |
+//! | [`parameters`] | [`Parameters`]: the parameters of all passes in one buffer |
 //! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
 //! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
 //! | [`readback`] | [`Readback`]: bytes back to the CPU through one kept staging buffer |
 //! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are offered |
 //! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
 //!
-//! Objects are made once and kept; a frame in the steady state writes [`Uniforms`], records, submits and reads back.
+//! Objects are made once and kept; a frame in the steady state writes [`Parameters`], records, submits and reads back.
 //! Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
 //!
 //! Software Vulkan (llvmpipe of Mesa 22.3) ends loops silently once an invocation has gone through 65,535 rounds of all
 //! loops of its shader together: a pass that loops longer belongs in several dispatches.
 //!
 //! ```no_run
-//! use insonify::gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Uniforms};
+//! use insonify::gpu::{Access, AdapterChoice, Dispatch, Gpu, Needs, PassSource, Pipeline, Readback, StorageBuffer, Parameters};
 //!
 //! let gpu = Gpu::open(&AdapterChoice::from_flag(None), &Needs::default())?;
 //! let values = StorageBuffer::upload(&gpu, "values", &[1_u32, 2, 3])?;
@@ -39,8 +39,8 @@
 //!         constants: &[],
 //!     },
 //! )?;
-//! let uniforms = Uniforms::new(&gpu, "parameters", 1)?;
-//! let bindings = double.bind(&gpu, &uniforms, &[&values])?;
+//! let parameters = Parameters::new(&gpu, "parameters", 1)?;
+//! let bindings = double.bind(&gpu, &parameters, &[&values])?;
 //! let mut readback = Readback::new(&gpu, "values", values.bytes())?;
 //!
 //! gpu.submit("frame", |recorder| {
@@ -57,6 +57,7 @@ pub mod buffer;
 pub mod device;
 pub mod error;
 pub mod faults;
+pub mod parameters;
 pub mod pass;
 pub mod readback;
 pub mod recorder;
@@ -64,16 +65,15 @@ pub mod recorder;
 pub(crate) mod testing;
 pub mod texture_out;
 pub mod timing;
-pub mod uniforms;
 
 pub use adapter::{AdapterChoice, AdapterLimits, AdapterReport};
 pub use buffer::StorageBuffer;
 pub use device::{Gpu, Needs};
 pub use error::GpuError;
 pub use faults::Faults;
+pub use parameters::Parameters;
 pub use pass::{Access, PassSource, Pipeline};
 pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};
 pub use texture_out::{TextureOut, row_stride};
 pub use timing::{PassTime, Timer, Timings};
-pub use uniforms::Uniforms;

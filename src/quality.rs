@@ -69,6 +69,22 @@ pub struct Dial {
     pub rungs: Vec<Rung>,
 }
 
+/// Most rungs of a dial that is read from a file: all combinations of a few such dials are tried.
+const MOST_RUNGS: usize = 16;
+
+impl Dial {
+    /// Whether each rung has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
+    pub fn is_sound(&self, stands: impl Fn(&str, &str) -> bool) -> bool {
+        let sound = |rung: &Rung| {
+            let pairs = self.keys.iter().zip(&rung.values);
+            rung.values.len() == self.keys.len()
+                && [rung.extra_ms, rung.error].iter().all(|number| number.is_finite())
+                && pairs.into_iter().all(|(key, value)| stands(key, value))
+        };
+        self.rungs.len() <= MOST_RUNGS && self.rungs.iter().all(sound)
+    }
+}
+
 /// One way to set a dial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rung {

@@ -172,7 +172,8 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// The texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; none on a CPU backend.
+    /// The texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; none on a CPU backend. It stays the
+    /// same while the size of the image does.
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.texture(),

@@ -1,7 +1,7 @@
 //! Which backend a run uses, and why.
 
 use clap::{Args, ValueEnum};
-use insonify::gpu::adapter;
+use insonify::gpu::adapter::{self, SOFTWARE};
 use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
 use insonify::plan::Plan;
 use insonify::study::tradeoff::gather::Means;
@@ -13,14 +13,14 @@ use super::failure::Failure;
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
-    /// The GPU where an adapter is there, else the CPU
+    /// A hardware GPU where there is one, else the CPU
     #[default]
     Auto,
     /// The CPU in single precision
     Cpu,
     /// The CPU in double precision: the gold standard
     CpuF64,
-    /// The GPU, or nothing
+    /// The best GPU adapter, or nothing; software Vulkan where there is no other
     Gpu,
 }
 
@@ -89,19 +89,22 @@ impl BackendArgs {
                 warnings: Vec::new(),
             }),
             BackendName::Auto => {
-                if self.choice().name.is_none() && adapter::list().is_empty() {
-                    return cpu(anatomy, settings, "no GPU adapter was found".into(), Vec::new());
-                }
-                match on_gpu(anatomy.clone(), settings.clone(), &self.choice()) {
-                    Ok(synth) => {
-                        let reason = synth.gpu().map_or_else(String::new, |gpu| why(gpu.report()));
-                        Ok(Chosen {
-                            synth,
-                            reason,
-                            warnings: Vec::new(),
-                        })
-                    }
-                    Err(SynthError::Gpu(error)) if error.is_machine() && self.choice().name.is_none() => {
+                let choice = self.choice();
+                let reason = match &choice.name {
+                    Some(name) => Ok(format!("the adapter \"{name}\" was asked for")),
+                    None => hardware(&adapter::list()).map(|_| "it is the best adapter".to_owned()),
+                };
+                let reason = match reason {
+                    Ok(reason) => reason,
+                    Err(none) => return cpu(anatomy, settings, none, Vec::new()),
+                };
+                match on_gpu(anatomy.clone(), settings.clone(), &choice) {
+                    Ok(synth) => Ok(Chosen {
+                        synth,
+                        reason,
+                        warnings: Vec::new(),
+                    }),
+                    Err(SynthError::Gpu(error)) if error.is_machine() && choice.name.is_none() => {
                         let warning = format!("the GPU cannot render this scene, the CPU does: {error}");
                         cpu(anatomy, settings, "the GPU could not".into(), vec![warning])
                     }
@@ -111,18 +114,16 @@ impl BackendArgs {
         }
     }
 
-    /// The devices to measure beside the CPU, and what to say of those that do not open.
-    pub fn gpus(&self) -> Result<(Vec<Gpu>, Vec<String>), Failure> {
+    /// The devices to measure beside the CPU, and those that are not measured.
+    pub fn gpus(&self) -> Result<Means, Failure> {
         let choice = self.choice();
-        let open = |choice: &AdapterChoice| Gpu::open(choice, &Needs::default());
         match self.backend {
-            BackendName::Cpu | BackendName::CpuF64 => Ok((Vec::new(), Vec::new())),
-            BackendName::Gpu => Ok((vec![open(&choice)?], Vec::new())),
-            BackendName::Auto if choice.name.is_some() => Ok((vec![open(&choice)?], Vec::new())),
-            BackendName::Auto => {
-                let Means { gpus, missing } = Means::here();
-                Ok((gpus, missing))
-            }
+            BackendName::Cpu | BackendName::CpuF64 => Ok(Means::default()),
+            BackendName::Auto if choice.name.is_none() => Ok(Means::here()),
+            BackendName::Auto | BackendName::Gpu => Ok(Means {
+                gpus: vec![Gpu::open(&choice, &Needs::default())?],
+                missing: Vec::new(),
+            }),
         }
     }
 
@@ -132,13 +133,12 @@ impl BackendArgs {
     }
 }
 
-/// Why an adapter is used where none was asked for.
-pub fn why(adapter: &AdapterReport) -> String {
-    if adapter.software {
-        "it is the only kind of adapter there is; it is software, right for checking, and --backend cpu is faster"
-            .into()
-    } else {
-        "a GPU adapter is there".into()
+/// The adapter that `auto` takes of those found, best first, or the reason to take the CPU.
+pub fn hardware(adapters: &[AdapterReport]) -> Result<&AdapterReport, String> {
+    match adapters.first() {
+        Some(best) if best.software => Err(format!("{} is {SOFTWARE}", best.name)),
+        Some(best) => Ok(best),
+        None => Err("no GPU adapter was found".to_owned()),
     }
 }
 

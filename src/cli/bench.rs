@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use insonify::gpu::{AdapterChoice, Gpu, Needs, adapter};
+use insonify::gpu::adapter::{self, SOFTWARE};
+use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
 use insonify::scene::SceneFile;
 use insonify::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
 use insonify::study::bench::{BenchOptions, BenchReport, Contender, bench};
+use insonify::study::tradeoff::gather::Means;
 use insonify::synth::{FrameState, SynthError};
 use nalgebra::Matrix4;
 
@@ -83,7 +85,12 @@ impl Bench {
         let mut report = BenchReport::new(&scene.anatomy, &scene.settings);
         report.warnings = scene.warnings;
         let needs = needs_of(&scene.anatomy, &scene.settings)?;
-        for candidate in self.candidates() {
+        let (candidates, software) = self.candidates();
+        if !self.json {
+            software.iter().for_each(terminal::say);
+        }
+        report.warnings.extend(software);
+        for candidate in candidates {
             if !self.json {
                 terminal::say(format_args!("measuring {candidate}"));
             }
@@ -123,7 +130,7 @@ impl Bench {
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;
-        let (gpus, missing) = self.backend.gpus()?;
+        let Means { gpus, missing } = self.backend.gpus()?;
         let options = CompareOptions {
             patience: Duration::from_secs_f64(self.time_limit_s / 20.0),
             ..CompareOptions::usual(gpus)
@@ -140,21 +147,31 @@ impl Bench {
         })
     }
 
-    fn candidates(&self) -> Vec<Candidate> {
+    /// What is measured, and a sentence for each adapter that is not.
+    fn candidates(&self) -> (Vec<Candidate>, Vec<String>) {
         let choice = self.backend.choice();
-        match self.backend.backend {
+        let candidates = match self.backend.backend {
             BackendName::Cpu => vec![Candidate::Cpu],
             BackendName::CpuF64 => vec![Candidate::CpuF64],
             BackendName::Gpu => vec![Candidate::Gpu(choice)],
             BackendName::Auto if choice.name.is_some() => vec![Candidate::Cpu, Candidate::Gpu(choice)],
             BackendName::Auto => {
-                let adapters = adapter::list().into_iter().map(|adapter| {
-                    let name = Some(format!("{} ({})", adapter.name, adapter.backend));
-                    Candidate::Gpu(AdapterChoice { name })
-                });
-                std::iter::once(Candidate::Cpu).chain(adapters).collect()
+                let (software, hardware): (Vec<_>, Vec<_>) =
+                    adapter::list().into_iter().partition(|found| found.software);
+                let name = |found: AdapterReport| format!("{} ({})", found.name, found.backend);
+                let gpus = hardware
+                    .into_iter()
+                    .map(|found| Candidate::Gpu(AdapterChoice::named(name(found))));
+                let unmeasured = software
+                    .into_iter()
+                    .map(|found| format!("{} was not measured: it is {SOFTWARE}", name(found)));
+                return (
+                    std::iter::once(Candidate::Cpu).chain(gpus).collect(),
+                    unmeasured.collect(),
+                );
             }
-        }
+        };
+        (candidates, Vec::new())
     }
 }
 
@@ -180,7 +197,7 @@ impl fmt::Display for Candidate {
         match self {
             Self::Cpu => f.write_str("the CPU"),
             Self::CpuF64 => f.write_str("the CPU in double precision"),
-            Self::Gpu(AdapterChoice { name: Some(name) }) => f.write_str(name),
+            Self::Gpu(AdapterChoice { name: Some(name), .. }) => f.write_str(name),
             Self::Gpu(_) => f.write_str("the GPU"),
         }
     }

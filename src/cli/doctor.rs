@@ -8,7 +8,7 @@ use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
 use insonify::study::machine::Machine;
 use serde::Serialize;
 
-use super::backend::why;
+use super::backend::hardware;
 use super::failure::Failure;
 use super::terminal;
 
@@ -45,30 +45,38 @@ impl Doctor {
             adapters,
             backend: "cpu",
             adapter: None,
-            reason: "no GPU adapter was found".to_owned(),
+            reason: String::new(),
             hints: Vec::new(),
             warnings: Vec::new(),
         };
-        match Gpu::open(&choice, &Needs::default()) {
-            Ok(gpu) => {
-                report.backend = "gpu";
-                report.adapter = Some(gpu.report().name.clone());
-                report.reason = match &choice.name {
-                    Some(name) => format!("\"{name}\" was asked for"),
-                    None => why(gpu.report()),
-                };
-            }
-            Err(error @ GpuError::NoAdapter) => report.hints.push(error.to_string()),
-            Err(error) if error.is_machine() => {
-                report.reason = "no adapter opens a device".to_owned();
-                report.warnings.push(error.to_string());
-            }
-            Err(error) => return Err(error.into()),
+        match (&choice.name, hardware(&report.adapters)) {
+            (None, Err(reason)) => report.reason = reason,
+            (name, _) => match Gpu::open(&choice, &Needs::default()) {
+                Ok(gpu) => {
+                    report.backend = "gpu";
+                    report.adapter = Some(gpu.report().name.clone());
+                    report.reason = match name {
+                        Some(name) => format!("\"{name}\" was asked for"),
+                        None => "it is the best adapter".to_owned(),
+                    };
+                }
+                Err(error) => {
+                    if name.is_some() {
+                        report.backend = "none";
+                    }
+                    report.reason = match name {
+                        Some(name) => format!("\"{name}\" was asked for"),
+                        None => "no adapter opens a device".to_owned(),
+                    };
+                    report.warnings.push(error.to_string());
+                }
+            },
         }
-        if report.adapters.len() > 1 {
-            report
-                .hints
-                .push(format!("--adapter NAME or {ADAPTER_VARIABLE} picks another adapter"));
+        if report.adapters.is_empty() {
+            report.hints.push(GpuError::NoAdapter.to_string());
+        } else if report.adapters.len() > 1 || report.adapter.is_none() {
+            let hint = format!("--adapter NAME or {ADAPTER_VARIABLE} picks an adapter");
+            report.hints.push(hint);
         }
         if self.json {
             terminal::emit_json(&report)

@@ -19,20 +19,25 @@ pub struct QualityArgs {
 }
 
 impl QualityArgs {
-    /// What was measured before, or is measured now and kept.
+    /// What was measured before, or is measured now and kept. A file that is not `sound` is named and measured anew.
     fn kept<T>(
         &self,
         thing: &[&str],
         what: &str,
         quiet: bool,
+        sound: impl Fn(&T) -> bool,
         measure: impl FnOnce() -> Result<T, Failure>,
     ) -> Result<T, Failure>
     where
         T: serde::Serialize + serde::de::DeserializeOwned,
     {
         let cache = Cache::of_user(&Machine::here().to_string());
-        if let Some(known) = cache.get(thing).filter(|_| !self.recalibrate) {
-            return Ok(known);
+        if !self.recalibrate {
+            match cache.get(thing, sound) {
+                Ok(Some(known)) => return Ok(known),
+                Ok(None) => {}
+                Err(bad) => terminal::warn(format_args!("the kept costs are ignored: {bad}")),
+            }
         }
         if !quiet {
             terminal::say(format_args!("quality: {what}; it is kept for the next time"));

@@ -12,9 +12,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use insonify::study::stability::Effort;
 use insonify::study::tradeoff::Pace;
-use insonify::study::tradeoff::gather::{Means, STUDIES, gather};
+use insonify::study::tradeoff::gather::{STUDIES, gather};
 use insonify::study::tradeoff::report::Report;
 
+use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::study::{made, watched};
 use super::terminal;
@@ -105,8 +106,9 @@ impl Tradeoff {
             frames: self.frames_per_s,
             steps: self.steps_per_s,
         };
+        let means = BackendArgs::default().gpus()?;
         let report = watched(self.quiet, |progress| {
-            gather(&wanted, &Means::here(), effort(self.quick), pace, progress)
+            gather(&wanted, &means, effort(self.quick), pace, progress)
         });
         let files = report.write(&self.output)?;
         if !self.quiet {

@@ -42,7 +42,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame needs the place of its samples".into())
 }
 
-/// Uniform block of `geometry.wgsl`.
+/// Parameter block of `geometry.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

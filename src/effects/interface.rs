@@ -56,6 +56,7 @@ static PASSES: &[Pass] = &[Pass {
     name: "interface",
     shader: concat!(
         include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/common/power.wgsl"),
         include_str!("../../shaders/interface.wgsl")
     ),
     entry: "main",
@@ -79,7 +80,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `interface.wgsl`.
+/// Parameter block of `interface.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -75,7 +75,10 @@ pub const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "needle",
-    shader: include_str!("../../shaders/needle.wgsl"),
+    shader: concat!(
+        include_str!("../../shaders/common/power.wgsl"),
+        include_str!("../../shaders/needle.wgsl")
+    ),
     entry: "main",
     bindings: &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
     params,
@@ -98,7 +101,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `needle.wgsl`.
+/// Parameter block of `needle.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

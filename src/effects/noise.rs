@@ -70,7 +70,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `noise.wgsl`.
+/// Parameter block of `noise.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -97,14 +97,14 @@ pub enum Access {
     Write,
 }
 
-/// The uniform block of a pass: binding 0, at most 256 bytes.
+/// The parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct ParamBlock {
     bytes: [u8; Self::CAPACITY],
 }
 
 impl ParamBlock {
-    /// Bytes that a block can hold; also the alignment of uniform offsets in WebGPU's default limits.
+    /// Bytes that a block can hold; also the alignment of the blocks' offsets in WebGPU's default limits.
     pub const CAPACITY: usize = 256;
 
     /// Copies a parameter struct.
@@ -141,7 +141,7 @@ pub struct Pass {
     pub entry: &'static str,
     /// Storage bindings from binding 1 on, in order.
     pub bindings: &'static [(Resource, Access)],
-    /// The uniform block, binding 0, for one band of rows (all rows for passes that are not per pixel).
+    /// The parameter block, binding 0, for one band of rows (all rows for passes that are not per pixel).
     pub params: fn(&View, Band) -> ParamBlock,
     /// Workgroups along x, y, z.
     pub workgroups: fn(&Tables, Band) -> [u32; 3],

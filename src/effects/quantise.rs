@@ -32,7 +32,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("a frame is made of bytes".into())
 }
 
-/// Uniform block of `quantise.wgsl`.
+/// Parameter block of `quantise.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

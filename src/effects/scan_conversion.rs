@@ -33,7 +33,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame becomes pixels".into())
 }
 
-/// Uniform block of `scan_conversion.wgsl`.
+/// Parameter block of `scan_conversion.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

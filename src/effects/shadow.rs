@@ -172,7 +172,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `shadow.wgsl`.
+/// Parameter block of `shadow.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -74,7 +74,7 @@ fn wanted(_: &Tables) -> Verdict {
     Ok("every frame needs the labels in its plane".into())
 }
 
-/// Uniform block of `slice.wgsl`.
+/// Parameter block of `slice.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -87,7 +87,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `texture.wgsl`.
+/// Parameter block of `texture.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

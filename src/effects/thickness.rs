@@ -68,7 +68,7 @@ impl Thickness {
     }
 }
 
-/// Most sub-planes that the uniform block holds.
+/// Most sub-planes that the parameter block holds.
 const MAX_PLANES: usize = 9;
 
 /// Registration.
@@ -100,7 +100,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Uniform block of `thickness.wgsl`.
+/// Parameter block of `thickness.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

@@ -101,7 +101,10 @@ pub const EFFECT: Effect = Effect {
 
 static PASSES: &[Pass] = &[Pass {
     name: "tone",
-    shader: include_str!("../../shaders/tone.wgsl"),
+    shader: concat!(
+        include_str!("../../shaders/common/power.wgsl"),
+        include_str!("../../shaders/tone.wgsl")
+    ),
     entry: "main",
     bindings: &[(Gain, Read), (Amplitude, Write)],
     params,
@@ -118,7 +121,7 @@ fn wanted(tables: &Tables) -> Verdict {
     })
 }
 
-/// Uniform block of `tone.wgsl`.
+/// Parameter block of `tone.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Params {

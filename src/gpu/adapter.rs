@@ -1,11 +1,17 @@
 //! Which GPU adapters the machine has, and which one a user means.
 
+use std::borrow::Cow;
+use std::ffi::{OsStr, OsString};
+
 use serde::Serialize;
 
 use super::GpuError;
 
 /// Environment variable that names an adapter where no flag does.
 pub const ADAPTER_VARIABLE: &str = "INSONIFY_ADAPTER";
+
+/// Sentence about an adapter that is not used unless it is named.
+pub const SOFTWARE: &str = "software on the CPU, which is faster by itself, and used only where `--adapter` names it";
 
 /// What an adapter is and can do.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -81,17 +87,37 @@ impl AdapterReport {
 pub struct AdapterChoice {
     /// Part of `name (backend)`, in any case, or `None` for the best adapter.
     pub name: Option<String>,
+    /// Origin of the name for errors, in brackets; empty for a flag.
+    origin: &'static str,
 }
 
 impl AdapterChoice {
+    /// The adapter of a name.
+    pub fn named(name: String) -> Self {
+        Self {
+            name: Some(name),
+            origin: "",
+        }
+    }
+
     /// The adapter that a command-line flag names, else the one that [`ADAPTER_VARIABLE`] names, else the best.
     pub fn from_flag(flag: Option<&str>) -> Self {
-        let lossy = |name: std::ffi::OsString| name.to_string_lossy().into_owned();
-        let name = flag
-            .map(str::to_owned)
-            .or_else(|| std::env::var_os(ADAPTER_VARIABLE).map(lossy));
+        let variable = || std::env::var_os(ADAPTER_VARIABLE);
+        let choice = flag.map_or_else(|| Self::of_variable(variable()), |name| Self::named(name.to_owned()));
+        match &choice.name {
+            Some(name) if !name.trim().is_empty() => choice,
+            _ => Self::default(),
+        }
+    }
+
+    fn of_variable(value: Option<OsString>) -> Self {
+        let name = value.as_deref().map(OsStr::to_string_lossy);
         Self {
-            name: name.filter(|name| !name.trim().is_empty()),
+            origin: match &name {
+                Some(Cow::Owned(_)) => " (from INSONIFY_ADAPTER, which is not UTF-8)",
+                _ => " (from INSONIFY_ADAPTER)",
+            },
+            name: name.map(Cow::into_owned),
         }
     }
 }
@@ -104,25 +130,26 @@ pub fn list() -> Vec<AdapterReport> {
         .collect()
 }
 
-/// The first adapter of [`list`]'s order whose `name (backend)` contains `name` in any case, or the very first.
-pub fn pick(name: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
+/// The first adapter of [`list`]'s order whose `name (backend)` contains the name chosen in any case, or the very first.
+pub fn pick(choice: &AdapterChoice) -> Result<wgpu::Adapter, GpuError> {
     let mut adapters = adapters();
     let titles: Vec<String> = adapters.iter().map(|adapter| title(&adapter.get_info())).collect();
-    let index = match_title(&titles, name)?;
+    let index = match_title(&titles, choice)?;
     Ok(adapters.swap_remove(index))
 }
 
-fn match_title(titles: &[String], name: Option<&str>) -> Result<usize, GpuError> {
+fn match_title(titles: &[String], choice: &AdapterChoice) -> Result<usize, GpuError> {
     if titles.is_empty() {
         return Err(GpuError::NoAdapter);
     }
-    let Some(wanted) = name else { return Ok(0) };
+    let Some(wanted) = &choice.name else { return Ok(0) };
     let needle = wanted.trim().to_lowercase();
     titles
         .iter()
         .position(|title| title.to_lowercase().contains(&needle))
         .ok_or_else(|| GpuError::UnknownAdapter {
             wanted: wanted.to_owned(),
+            origin: choice.origin,
             available: titles.to_vec(),
         })
 }
@@ -202,21 +229,22 @@ mod tests {
             "llvmpipe (vulkan)".to_owned(),
             "WARP (dx12)".to_owned(),
         ];
-        assert_eq!(match_title(&titles, None), Ok(0));
-        assert_eq!(match_title(&titles, Some("LLVM")), Ok(1));
-        assert_eq!(match_title(&titles, Some("dx12")), Ok(2));
-        let error = match_title(&titles, Some("voodoo")).unwrap_err();
+        let named = |name: &str| match_title(&titles, &AdapterChoice::named(name.to_owned()));
+        assert_eq!(match_title(&titles, &AdapterChoice::default()), Ok(0));
+        assert_eq!(named("LLVM"), Ok(1));
+        assert_eq!(named("dx12"), Ok(2));
+        let error = named("voodoo").unwrap_err();
         let message = error.to_string();
         assert!(
             message.contains("voodoo") && titles.iter().all(|title| message.contains(title)),
             "{message}"
         );
-        assert!(!error.is_machine());
+        assert!(!error.is_machine() && !message.contains(ADAPTER_VARIABLE), "{message}");
     }
 
     #[test]
     fn without_adapters_the_error_says_what_to_install() {
-        let error = match_title(&[], Some("any")).unwrap_err();
+        let error = match_title(&[], &AdapterChoice::named("any".to_owned())).unwrap_err();
         assert_eq!(error, GpuError::NoAdapter);
         assert!(error.to_string().contains("mesa-vulkan-drivers"));
         assert!(error.is_machine());
@@ -228,6 +256,23 @@ mod tests {
         assert_eq!(AdapterChoice::from_flag(Some(" ")).name, None);
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn errors_name_the_variable_and_say_where_its_value_is_no_text() {
+        use std::os::unix::ffi::OsStringExt;
+        let titles = ["llvmpipe (vulkan)".to_owned()];
+        let message = |value: &[u8]| {
+            let choice = AdapterChoice::of_variable(Some(OsString::from_vec(value.to_vec())));
+            match_title(&titles, &choice).unwrap_err().to_string()
+        };
+        let bogus = message(b"bogus");
+        assert!(
+            bogus.contains("'bogus' (from INSONIFY_ADAPTER); available: llvmpipe"),
+            "{bogus}"
+        );
+        assert!(message(b"llvm\xff").contains("(from INSONIFY_ADAPTER, which is not UTF-8)"));
+    }
+
     #[test]
     fn every_listed_adapter_can_be_picked_by_its_name() {
         if testing::open().is_none() {
@@ -235,12 +280,12 @@ mod tests {
         }
         let reports = list();
         for report in &reports {
-            let adapter = pick(Some(&report.name.to_uppercase())).unwrap();
+            let adapter = pick(&AdapterChoice::named(report.name.to_uppercase())).unwrap();
             assert_eq!(adapter.get_info().name, report.name);
             assert!(report.limits.max_storage_buffer_binding_size >= 1 << 27, "{report:?}");
             assert_eq!(report.software, report.device_type == "cpu");
         }
-        let error = pick(Some("no such adapter")).unwrap_err();
+        let error = pick(&AdapterChoice::named("no such adapter".to_owned())).unwrap_err();
         assert!(error.to_string().contains(&reports[0].name), "{error}");
     }
 }

@@ -62,7 +62,7 @@ pub struct Gpu {
 impl Gpu {
     /// Opens a device on the chosen adapter, with wgpu's default limits raised only where `needs` goes beyond them.
     pub fn open(choice: &AdapterChoice, needs: &Needs) -> Result<Self, GpuError> {
-        let adapter = adapter::pick(choice.name.as_deref())?;
+        let adapter = adapter::pick(choice)?;
         let report = AdapterReport::new(&adapter.get_info(), &adapter.limits(), adapter.features());
         let limits = needs.limits(&format!("a device on '{}'", report.name), &adapter.limits())?;
         let descriptor = wgpu::DeviceDescriptor {

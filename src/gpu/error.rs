@@ -1,7 +1,5 @@
 //! What can go wrong between this crate and a GPU.
 
-use super::adapter::ADAPTER_VARIABLE;
-
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -14,10 +12,12 @@ pub enum GpuError {
     NoAdapter,
 
     /// No adapter's name contains what the user asked for.
-    #[error("no GPU adapter is named like '{wanted}' (--adapter or {ADAPTER_VARIABLE}; without either the best is taken); available: {}", available.join(", "))]
+    #[error("no GPU adapter is named like '{wanted}'{origin}; available: {}", available.join(", "))]
     UnknownAdapter {
         /// The name asked for.
         wanted: String,
+        /// Origin of that name, in brackets; empty for a flag.
+        origin: &'static str,
         /// The adapters there are, as `name (backend)`.
         available: Vec<String>,
     },

@@ -1,8 +1,8 @@
 //! One compute pass: its pipeline and its explicit bind group layout.
 
 use super::error::check_limit;
-use super::uniforms::SLOT_BYTES;
-use super::{Gpu, GpuError, StorageBuffer, Uniforms};
+use super::parameters::SLOT_BYTES;
+use super::{Gpu, GpuError, Parameters, StorageBuffer};
 
 /// How a pass uses a storage buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -15,7 +15,7 @@ pub enum Access {
 
 /// What a pass is made from.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the uniform block of at most [`SLOT_BYTES`] bytes (a pass without
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (a pass without
 /// parameters leaves it out), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
@@ -46,7 +46,7 @@ impl Pipeline {
         check_limit(
             || format!("pass '{}'", pass.label),
             "max_storage_buffers_per_shader_stage",
-            pass.storage.len() as u64,
+            pass.storage.len() as u64 + 1,
             u64::from(gpu.limits().max_storage_buffers_per_shader_stage),
         )?;
         let shader_error = |error, line| match error {
@@ -92,7 +92,7 @@ impl Pipeline {
     pub fn bind(
         &self,
         gpu: &Gpu,
-        uniforms: &Uniforms,
+        parameters: &Parameters,
         storage: &[&StorageBuffer],
     ) -> Result<wgpu::BindGroup, GpuError> {
         if storage.len() != self.storage {
@@ -103,7 +103,7 @@ impl Pipeline {
             });
         }
         let resources =
-            std::iter::once(uniforms.binding()).chain(storage.iter().map(|buffer| buffer.raw().as_entire_binding()));
+            std::iter::once(parameters.binding()).chain(storage.iter().map(|buffer| buffer.raw().as_entire_binding()));
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(resources)
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
@@ -128,8 +128,8 @@ fn build(
     pass: &PassSource<'_>,
     module: &wgpu::ShaderModule,
 ) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
-    let uniform = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
+    let block = wgpu::BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Storage { read_only: true },
         has_dynamic_offset: true,
         min_binding_size: wgpu::BufferSize::new(SLOT_BYTES),
     };
@@ -141,7 +141,7 @@ fn build(
         min_binding_size: None,
     });
     let entries: Vec<wgpu::BindGroupLayoutEntry> = (0..)
-        .zip(std::iter::once(uniform).chain(storage))
+        .zip(std::iter::once(block).chain(storage))
         .map(|(binding, ty)| wgpu::BindGroupLayoutEntry {
             binding,
             visibility: wgpu::ShaderStages::COMPUTE,

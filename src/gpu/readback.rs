@@ -137,7 +137,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::gpu::{Access, Dispatch, PassSource, Pipeline, StorageBuffer, Uniforms, testing};
+    use crate::gpu::{Access, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, testing};
 
     fn filled(gpu: &Gpu, bytes: usize) -> Readback {
         let data: Vec<u8> = (0..bytes).map(|i| i as u8).collect();
@@ -188,9 +188,9 @@ mod tests {
             constants: &[],
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
-        let uniforms = Uniforms::new(&gpu, "none", 1).unwrap();
+        let parameters = Parameters::new(&gpu, "none", 1).unwrap();
         let out = StorageBuffer::zeroed(&gpu, "out", 4).unwrap();
-        let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+        let bindings = pipeline.bind(&gpu, &parameters, &[&out]).unwrap();
         let mut readback = Readback::new(&gpu, "out", 4).unwrap();
         gpu.submit("spin", |recorder| {
             let dispatch = Dispatch {

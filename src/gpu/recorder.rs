@@ -1,7 +1,7 @@
 //! The dispatches and copies of one submission.
 
 use super::error::check_limit;
-use super::uniforms::SLOT_BYTES;
+use super::parameters::SLOT_BYTES;
 use super::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, TextureOut, Timer};
 
 /// One run of a pass.
@@ -11,7 +11,7 @@ pub struct Dispatch<'a> {
     pub pipeline: &'a Pipeline,
     /// Its buffers, from [`Pipeline::bind`].
     pub bindings: &'a wgpu::BindGroup,
-    /// The slot of its parameters in the [`Uniforms`](super::Uniforms) that it was bound with.
+    /// The slot of its parameters in the [`Parameters`](super::Parameters) that it was bound with.
     pub slot: u32,
     /// Workgroups along x, y and z.
     pub workgroups: [u32; 3],
@@ -132,14 +132,14 @@ impl<'a> Recorder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{Access, PassSource, Uniforms, testing};
+    use crate::gpu::{Access, Parameters, PassSource, testing};
 
     #[test]
     fn a_dispatch_beyond_the_limit_or_its_slots_is_an_error_and_the_device_lives_on() {
         let Some(gpu) = testing::open() else { return };
         let pass = PassSource {
             label: "touch",
-            source: "@group(0) @binding(0) var<uniform> value: u32;
+            source: "@group(0) @binding(0) var<storage, read> value: u32;
                 @group(0) @binding(1) var<storage, read_write> out: array<u32>;
                 @compute @workgroup_size(1) fn touch() { out[0] = value; }",
             entry: "touch",
@@ -147,9 +147,9 @@ mod tests {
             constants: &[],
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();
-        let mut uniforms = Uniforms::new(&gpu, "value", 2).unwrap();
+        let mut parameters = Parameters::new(&gpu, "value", 2).unwrap();
         let out = StorageBuffer::zeroed(&gpu, "out", 4).unwrap();
-        let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+        let bindings = pipeline.bind(&gpu, &parameters, &[&out]).unwrap();
         let run = |slot, workgroups| {
             let dispatch = Dispatch {
                 pipeline: &pipeline,
@@ -176,8 +176,8 @@ mod tests {
         }
         assert!(matches!(run(2, [1, 1, 1]), Err(GpuError::Validation { .. })));
 
-        uniforms.set(1, &42_u32).unwrap();
-        uniforms.write(&gpu).unwrap();
+        parameters.set(1, &42_u32).unwrap();
+        parameters.write(&gpu).unwrap();
         run(1, [1, 1, 1]).unwrap();
         let mut readback = Readback::new(&gpu, "out", 4).unwrap();
         let mut found = [0_u32];

@@ -119,7 +119,7 @@ impl Timer {
 mod tests {
     use super::*;
     use crate::gpu::{
-        Access, AdapterChoice, Dispatch, PassSource, Pipeline, StorageBuffer, Uniforms, adapter, testing,
+        Access, AdapterChoice, Dispatch, Parameters, PassSource, Pipeline, StorageBuffer, adapter, testing,
     };
 
     const SPIN: &str = "
@@ -142,7 +142,7 @@ mod tests {
         };
         let mut whole = Timer::new(&gpu, &["whole"]).unwrap().unwrap();
         let out = StorageBuffer::zeroed(&gpu, "out", 4 * 4096).unwrap();
-        let uniforms = Uniforms::new(&gpu, "none", 1).unwrap();
+        let parameters = Parameters::new(&gpu, "none", 1).unwrap();
         let spin = |label, rounds| {
             let constants = [("rounds", rounds)];
             let pass = PassSource {
@@ -153,7 +153,7 @@ mod tests {
                 constants: &constants,
             };
             let pipeline = Pipeline::new(&gpu, &pass).unwrap();
-            let bindings = pipeline.bind(&gpu, &uniforms, &[&out]).unwrap();
+            let bindings = pipeline.bind(&gpu, &parameters, &[&out]).unwrap();
             (pipeline, bindings)
         };
         let passes = [spin("short", 1.0), spin("long", 60_000.0)];
@@ -209,7 +209,7 @@ mod tests {
         if testing::open().is_none() {
             return;
         }
-        let adapter = adapter::pick(AdapterChoice::from_flag(None).name.as_deref()).unwrap();
+        let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
         let gpu = Gpu::from_host(device, queue, &Default::default()).unwrap();
         assert!(Timer::new(&gpu, &["pass"]).unwrap().is_none());

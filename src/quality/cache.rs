@@ -1,7 +1,8 @@
 //! Costs that were measured, kept in the user's cache folder: a file for each machine, version of the program and thing measured.
 
 use std::env;
-use std::io::Write;
+use std::fs::File;
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -11,6 +12,17 @@ use crate::output::atomic::{self, WriteError};
 
 /// Environment variable that names the folder in place of the user's own.
 pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
+
+/// Most bytes of a file; a file of costs has a few thousand.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// A file in the folder that does not hold what was kept.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {reason}", path.display())]
+pub struct BadFile {
+    path: PathBuf,
+    reason: String,
+}
 
 /// A folder of costs.
 #[derive(Clone, Debug)]
@@ -49,10 +61,22 @@ impl Cache {
         }
     }
 
-    /// What was kept of a thing on this machine by this version. What cannot be read counts as not there.
-    pub fn get<T: DeserializeOwned>(&self, thing: &[&str]) -> Option<T> {
-        let text = std::fs::read_to_string(self.path(thing)?).ok()?;
-        serde_json::from_str(&text).ok()
+    /// What was kept of a thing on this machine by this version, if anything was.
+    ///
+    /// # Errors
+    /// [`BadFile`] where a file is there that cannot be read, or whose contents are not `sound`.
+    pub fn get<T: DeserializeOwned>(&self, thing: &[&str], sound: impl Fn(&T) -> bool) -> Result<Option<T>, BadFile> {
+        let Some(path) = self.path(thing) else { return Ok(None) };
+        let mut text = String::new();
+        let read = File::open(&path).and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text));
+        let reason = match read.map(|_| serde_json::from_str(&text)) {
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Ok(Ok(found)) if sound(&found) => return Ok(Some(found)),
+            Ok(Ok(_)) => "it holds values that no measurement gives".to_owned(),
+            Ok(Err(cause)) => cause.to_string(),
+            Err(cause) => cause.to_string(),
+        };
+        Err(BadFile { path, reason })
     }
 
     /// Keeps what was measured.

@@ -188,14 +188,51 @@ fn budgets_have_a_range() {
 fn costs_are_kept_by_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
     let cache = Cache::at(&folder.path().join("deeper"), "here");
-    assert_eq!(cache.get::<Costs>(&["steps"]), None);
+    let get = |cache: &Cache, thing: &[&str]| {
+        cache
+            .get::<Costs>(thing, |costs| costs.base_ms > 0.0)
+            .map_err(|bad| bad.to_string())
+    };
+    assert_eq!(get(&cache, &["steps"]), Ok(None));
     cache.put(&["steps"], &costs()).unwrap();
-    assert_eq!(cache.get(&["steps"]), Some(costs()));
-    assert_eq!(cache.get::<Costs>(&["step", "s"]), None);
+    assert_eq!(get(&cache, &["steps"]), Ok(Some(costs())));
+    assert_eq!(get(&cache, &["step", "s"]), Ok(None));
     let there = Cache::at(&folder.path().join("deeper"), "there");
-    assert_eq!(there.get::<Costs>(&["steps"]), None, "another machine");
+    assert_eq!(get(&there, &["steps"]), Ok(None), "another machine");
+    let unsound = Costs {
+        base_ms: -1.0,
+        ..costs()
+    };
+    cache.put(&["steps"], &unsound).unwrap();
+    assert!(get(&cache, &["steps"]).unwrap_err().contains("no measurement gives"));
     for file in std::fs::read_dir(folder.path().join("deeper")).unwrap() {
-        std::fs::write(file.unwrap().path(), "{").unwrap();
+        let path = file.unwrap().path();
+        std::fs::write(&path, "{").unwrap();
+        assert!(
+            get(&cache, &["steps"])
+                .unwrap_err()
+                .starts_with(&path.display().to_string())
+        );
     }
-    assert_eq!(cache.get::<Costs>(&["steps"]), None, "what is broken is measured again");
+}
+
+#[test]
+fn dials_of_a_file_are_finite_short_and_have_a_value_for_each_key() {
+    let dial = |values: &[&str], extra_ms, copies| Dial {
+        keys: vec!["a".to_owned(), "b".to_owned()],
+        rungs: vec![
+            Rung {
+                values: values.iter().map(|&value| value.to_owned()).collect(),
+                extra_ms,
+                error: 0.0,
+            };
+            copies
+        ],
+    };
+    let sound = |dial: &Dial| dial.is_sound(|key, value| (key == "a") == (value == "1"));
+    assert!(sound(&dial(&["1", "2"], 0.0, 16)));
+    assert!(!sound(&dial(&["1", "2"], 0.0, 17)), "too many to try all");
+    assert!(!sound(&dial(&["1", "2"], f64::INFINITY, 1)));
+    assert!(!sound(&dial(&["1"], 0.0, 1)));
+    assert!(!sound(&dial(&["2", "2"], 0.0, 1)));
 }

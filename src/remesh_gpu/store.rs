@@ -9,7 +9,7 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::passes::{Params, Passes};
 use super::tiles::{SIDE, Tiles};
-use crate::gpu::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, Timer, Uniforms};
+use crate::gpu::{Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
 use crate::mechanics::tissue::remesh::levels::{Store, Which};
 use crate::mechanics::tissue::remesh::{Level, Precision, RemeshError, Source};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Symmetric};
@@ -27,7 +27,7 @@ pub struct DeviceStore {
     bank_bytes: u64,
     tiles: Tiles,
     passes: Passes,
-    uniforms: Uniforms,
+    parameters: Parameters,
     /// Columns that Y and Z have room for.
     stride: usize,
     y: StorageBuffer,
@@ -78,8 +78,8 @@ impl DeviceStore {
         let (vector, sums) = (floats("vector", size.max(stride))?, floats("sums", size)?);
         let block = floats("entries", ENTRIES)?;
         let passes = Passes::new(gpu)?;
-        let uniforms = Uniforms::new(gpu, "remeshing", tiles.banks.len() as u32)?;
-        let bind = |pipeline: &Pipeline, buffers: &[&StorageBuffer]| pipeline.bind(gpu, &uniforms, buffers);
+        let parameters = Parameters::new(gpu, "remeshing", tiles.banks.len() as u32)?;
+        let bind = |pipeline: &Pipeline, buffers: &[&StorageBuffer]| pipeline.bind(gpu, &parameters, buffers);
         let banks = tiles.banks.iter().map(|bank| {
             let own = &bank.buffer;
             Ok(BankBindings {
@@ -106,7 +106,7 @@ impl DeviceStore {
             base,
             tiles,
             passes,
-            uniforms,
+            parameters,
             y,
             z,
             c,

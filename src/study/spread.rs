@@ -30,8 +30,79 @@ impl Spread {
     }
 }
 
+/// Times of any number of steps in memory of a fixed size (24 KiB): counts of classes 1/64 of an octave wide, from 0.1 ns to three
+/// hours. Percentiles are within 0.6 %; the longest time is exact.
+#[derive(Clone, Debug)]
+pub struct Times {
+    counts: Vec<u64>,
+    total: u64,
+    max_ms: f64,
+}
+
+impl Default for Times {
+    fn default() -> Self {
+        Self {
+            counts: vec![0; Self::CLASSES],
+            total: 0,
+            max_ms: 0.0,
+        }
+    }
+}
+
+impl Times {
+    const AN_OCTAVE: f64 = 64.0;
+    const LEAST_MS: f64 = 1e-7;
+    const CLASSES: usize = 47 * 64;
+
+    /// Counts a time, ms.
+    pub fn add(&mut self, ms: f64) {
+        let class = Self::AN_OCTAVE * (ms / Self::LEAST_MS).log2();
+        self.counts[(class.max(0.0) as usize).min(Self::CLASSES - 1)] += 1;
+        self.total += 1;
+        self.max_ms = self.max_ms.max(ms);
+    }
+
+    /// The time that a share (0 to 1) of the steps stays within, ms; none of no steps.
+    pub fn percentile(&self, share: f64) -> Option<f64> {
+        let rank = ((share * self.total as f64).ceil() as u64).max(1);
+        if rank >= self.total {
+            return (self.total > 0).then_some(self.max_ms);
+        }
+        let mut counted = 0;
+        let class = self.counts.iter().position(|count| {
+            counted += count;
+            counted >= rank
+        })?;
+        Some((Self::LEAST_MS * ((class as f64 + 0.5) / Self::AN_OCTAVE).exp2()).min(self.max_ms))
+    }
+}
+
 /// The nearest rank of a share (0 to 1) of ascending numbers; none of none.
 pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
     let place = (share * ascending.len() as f64).ceil() as usize;
     ascending.get(place.max(1) - 1).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counted_percentiles_are_those_of_the_sorted_times() {
+        let mut times = Times::default();
+        assert_eq!(times.percentile(0.5), None);
+        let mut sorted: Vec<f64> = (0..5000).map(|i| 1e-3 * 1.003f64.powi(i * 7919 % 5000)).collect();
+        sorted.iter().for_each(|&ms| times.add(ms));
+        sorted.sort_by(f64::total_cmp);
+        for share in [0.0, 0.5, 0.95, 0.99] {
+            let [exact, counted] = [percentile(&sorted, share), times.percentile(share)].map(Option::unwrap);
+            assert!((counted / exact - 1.0).abs() < 0.006, "{share}: {counted} for {exact}");
+        }
+        assert_eq!(times.percentile(1.0), percentile(&sorted, 1.0));
+        // Neither no time nor any other falls out of the classes.
+        [0.0, 1e-300, 1e300, f64::INFINITY]
+            .into_iter()
+            .for_each(|ms| times.add(ms));
+        assert_eq!(times.percentile(1.0), Some(f64::INFINITY));
+    }
 }

@@ -133,6 +133,12 @@ impl StepCosts {
         }
     }
 
+    /// All dials.
+    pub fn dials(&self) -> impl Iterator<Item = &Dial> {
+        let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
+        self.levels.iter().chain(others)
+    }
+
     /// What a scenario can choose, and what it costs there.
     pub fn in_situation(&self, situation: &Situation) -> Costs {
         let at = usize::from(situation.probe);

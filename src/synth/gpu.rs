@@ -14,8 +14,9 @@ use glam::{DVec4, Vec4};
 use crate::effects::needle::{self, Segment};
 use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
-    self, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer, Uniforms,
+    self, Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
 };
+use crate::memory;
 use crate::plan::Plan;
 use contents::contents;
 use warp::Warp;
@@ -32,7 +33,8 @@ pub fn needs(plan: &Plan) -> Needs {
     Needs {
         storage_binding_bytes: largest.unwrap_or(0),
         buffer_bytes: largest.unwrap_or(0),
-        storage_buffers_per_stage: most.unwrap_or(0) as u32,
+        // One more for the parameters.
+        storage_buffers_per_stage: most.map_or(0, |most| most as u32 + 1),
     }
 }
 
@@ -52,7 +54,7 @@ pub struct GpuExecutor {
     buffers: BTreeMap<(Resource, usize), StorageBuffer>,
     bands: Vec<Band>,
     steps: Vec<Step>,
-    uniforms: Uniforms,
+    parameters: Parameters,
     readbacks: Vec<Readback>,
     texture: Option<TextureOut>,
     warp: Option<Warp>,
@@ -65,14 +67,14 @@ pub struct GpuExecutor {
 impl GpuExecutor {
     /// Compiles the passes of a plan and gives its resources their buffers.
     pub fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
-        let uniforms = Uniforms::new(&gpu, "parameters", 1)?;
+        let parameters = Parameters::new(&gpu, "parameters", 1)?;
         let mut executor = Self {
             gpu,
             pipelines: BTreeMap::new(),
             buffers: BTreeMap::new(),
             bands: Vec::new(),
             steps: Vec::new(),
-            uniforms,
+            parameters,
             readbacks: Vec::new(),
             texture: None,
             warp: None,
@@ -87,6 +89,9 @@ impl GpuExecutor {
 
     /// Adapts to a changed plan: makes what is new, drops what is not called for, uploads what changed.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
+        if self.gpu.report().software {
+            memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
+        }
         self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
         let parts = |resource: Resource, bands: &[Band]| if resource.is_per_pixel() { bands.len() } else { 1 };
         self.buffers
@@ -109,21 +114,24 @@ impl GpuExecutor {
             }
         }
         self.fit_steps(plan, tables)?;
-        self.readbacks = self
-            .bands
-            .iter()
-            .map(|band| {
-                Readback::new(
-                    &self.gpu,
-                    "pixels",
-                    u64::from(band.rows) * tables.words_per_row() as u64 * 4,
-                )
-            })
-            .collect::<Result<_, _>>()?;
-        self.texture = None;
+        self.fit_outputs(tables)?;
         if self.timer.is_some() {
             self.time_passes(true, plan)?;
         }
+        Ok(())
+    }
+
+    /// Keeps read-backs and the host's texture while the size of the image stays.
+    fn fit_outputs(&mut self, tables: &Tables) -> Result<(), GpuError> {
+        let row_bytes = tables.words_per_row() as u64 * 4;
+        let sizes = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
+        if !sizes.clone().eq(self.readbacks.iter().map(Readback::bytes)) {
+            let readbacks = sizes.map(|bytes| Readback::new(&self.gpu, "pixels", bytes));
+            self.readbacks = readbacks.collect::<Result<_, _>>()?;
+        }
+        let size = (tables.width() as u32, tables.height() as u32);
+        self.texture
+            .take_if(|kept| (kept.texture().width(), kept.texture().height()) != size);
         Ok(())
     }
 
@@ -168,7 +176,7 @@ impl GpuExecutor {
                 1
             }
         });
-        self.uniforms = Uniforms::new(&self.gpu, "parameters", dispatches.sum::<usize>() as u32)?;
+        self.parameters = Parameters::new(&self.gpu, "parameters", dispatches.sum::<usize>() as u32)?;
         let whole = Band {
             first_row: 0,
             rows: tables.height() as u32,
@@ -193,7 +201,7 @@ impl GpuExecutor {
                         )]
                     })
                     .collect();
-                let bindings = pipeline.bind(&self.gpu, &self.uniforms, &bound)?;
+                let bindings = pipeline.bind(&self.gpu, &self.parameters, &bound)?;
                 let workgroups = (pass.workgroups)(tables, band);
                 self.steps.push(Step {
                     pass,
@@ -311,10 +319,10 @@ impl GpuExecutor {
             buffer.write(&self.gpu, 0, &self.segments)?;
         }
         for (slot, step) in self.steps.iter().enumerate() {
-            self.uniforms
+            self.parameters
                 .set(slot as u32, (step.pass.params)(&view, step.band).slot())?;
         }
-        Ok(self.uniforms.write(&self.gpu)?)
+        Ok(self.parameters.write(&self.gpu)?)
     }
 
     fn make_texture(&self, tables: &Tables) -> Result<TextureOut, GpuError> {

@@ -4,7 +4,7 @@
 mod support;
 
 mod names;
+mod parameters;
 mod plans;
 mod remesh;
 mod shaders;
-mod uniforms;

@@ -9,7 +9,7 @@ use insonify::remesh_gpu::tiles::SIDE;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
-use crate::shaders::uniform;
+use crate::shaders::block_of;
 
 fn parse() -> (Module, ModuleInfo) {
     let module =
@@ -74,7 +74,7 @@ fn the_passes_of_remeshing_are_those_declared() {
 #[test]
 fn the_parameters_and_the_tiles_of_remeshing_are_those_of_its_shader() {
     let (module, _) = parse();
-    let (members, span) = uniform(&module);
+    let (members, span) = block_of(&module);
     assert_eq!(span, size_of::<Params>());
     for (name, offset) in [
         ("size", offset_of!(Params, size)),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use insonify::effects::REGISTRY;
 use insonify::effects::pass::{Access, Band, Pass};
-use insonify::gpu::uniforms::SLOT_BYTES;
+use insonify::gpu::parameters::SLOT_BYTES;
 use insonify::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
@@ -80,7 +80,8 @@ fn bindings_are_those_declared() {
         let numbers: Vec<u32> = used.keys().copied().collect();
         let declared: Vec<u32> = (0..=pass.bindings.len() as u32).collect();
         assert_eq!(numbers, declared, "{}: bindings used, bindings declared", pass.name);
-        assert_eq!(used[&0].0, AddressSpace::Uniform, "{}: binding 0", pass.name);
+        let access = StorageAccess::LOAD;
+        assert_eq!(used[&0].0, AddressSpace::Storage { access }, "{}: binding 0", pass.name);
         for (number, &(resource, access)) in (1..).zip(pass.bindings) {
             let place = format!("{}: binding {number}, {resource:?}", pass.name);
             let (space, usage) = used[&number];
@@ -247,13 +248,13 @@ pub fn layout(module: &Module, name: &str) -> Option<(BTreeMap<String, usize>, u
     Some((offsets, *span as usize))
 }
 
-/// The struct that a pass binds as its uniform block.
-pub fn uniform(module: &Module) -> (BTreeMap<String, usize>, usize) {
+/// The struct that a pass binds as its parameter block.
+pub fn block_of(module: &Module) -> (BTreeMap<String, usize>, usize) {
     let (_, variable) = module
         .global_variables
         .iter()
-        .find(|(_, variable)| variable.space == AddressSpace::Uniform)
-        .expect("a uniform block");
+        .find(|(_, variable)| variable.binding.is_some_and(|at| at.binding == 0))
+        .expect("a parameter block");
     let name = module.types[variable.ty].name.as_deref().expect("a named struct");
     let (members, span) = layout(module, name).expect("a struct");
     assert!(

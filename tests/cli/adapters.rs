@@ -1,22 +1,19 @@
 //! `render` on GPU adapters.
 
 use crate::gpu::gpu_or_skip;
-use crate::support::{Bench, SCENE, grey};
+use crate::support::{Bench, Run, SCENE, grey};
 
 #[test]
 fn a_gpu_is_named_and_shows_the_same_picture() {
     let bench = Bench::new();
-    if gpu_or_skip("a_gpu_is_named_and_shows_the_same_picture").is_none() {
+    let Some(gpu) = gpu_or_skip("a_gpu_is_named_and_shows_the_same_picture") else {
         return;
-    }
+    };
     let report = bench.run("render scene.toml --backend gpu --json -o gpu.png").json();
     assert_eq!(report["backend"], "gpu");
     assert!(!report["adapter"].as_str().unwrap().is_empty());
     let auto = bench.run("render scene.toml --json -o auto.png").json();
-    assert_eq!(
-        (&auto["backend"], &auto["adapter"]),
-        (&report["backend"], &report["adapter"])
-    );
+    assert_eq!(auto["backend"], if gpu.report().software { "cpu" } else { "gpu" });
     bench.run("render scene.toml --backend cpu -o cpu.png").text();
     let [gpu, cpu] = ["gpu.png", "cpu.png"].map(|name| grey(&bench.path(name)).1);
     let furthest = gpu.iter().zip(&cpu).map(|(a, b)| a.abs_diff(*b)).max();
@@ -46,10 +43,63 @@ fn a_scene_over_the_limits_names_the_limit() {
     assert!(!bench.path("frame.png").exists());
     let auto = bench.run("render large.toml --json").json();
     assert_eq!(auto["backend"], "cpu");
+    if gpu.report().software {
+        return;
+    }
     assert!(
         auto["warnings"][0]
             .as_str()
             .unwrap()
             .contains("max_storage_buffer_binding_size")
+    );
+}
+
+#[test]
+fn software_renders_only_where_it_is_named() {
+    let bench = Bench::new();
+    let test = "software_renders_only_where_it_is_named";
+    let Some(gpu) = gpu_or_skip(test).filter(|gpu| gpu.report().software) else {
+        println!("SKIPPED: {test}: no adapter, or hardware");
+        return;
+    };
+    let name = &gpu.report().name;
+    for command in ["render scene.toml", "doctor", "bench scene.toml --frames 1"] {
+        let run = bench.run(command);
+        let text = format!("{}{}", run.text(), run.stderr);
+        assert!(text.contains("software on the CPU") && text.contains(name), "{run:?}");
+    }
+    let run = bench.run("render scene.toml --json -o auto.png");
+    assert_eq!(run.json()["backend"], "cpu");
+    let word = name.split_whitespace().next().expect("a word");
+    let run = bench.run(&format!("render scene.toml --adapter {word} --json -o named.png"));
+    assert_eq!(
+        (&run.json()["backend"], &run.json()["adapter"]),
+        (&"gpu".into(), &name.as_str().into())
+    );
+    let measured = bench
+        .run(&format!("bench scene.toml --adapter {word} --frames 1 --json"))
+        .json();
+    assert_eq!(measured["backends"][1]["adapter"], name.as_str());
+}
+
+#[test]
+fn a_wrong_name_in_the_environment_is_told_with_the_variable() {
+    let bench = Bench::new();
+    if gpu_or_skip("a_wrong_name_in_the_environment_is_told_with_the_variable").is_none() {
+        return;
+    }
+    let run = |arguments: &str| {
+        let mut command = bench.command(arguments);
+        command.env("INSONIFY_ADAPTER", "bogus");
+        Run::of(command, arguments)
+    };
+    run("render scene.toml").fails(2, &["'bogus' (from INSONIFY_ADAPTER)", "available: "]);
+    let doctor = run("doctor --json").json();
+    assert_eq!(doctor["backend"], "none");
+    assert!(
+        doctor["warnings"][0]
+            .as_str()
+            .expect("a warning")
+            .contains("INSONIFY_ADAPTER")
     );
 }

@@ -199,6 +199,31 @@ fn a_disk_that_fills_up_leaves_no_half_file() {
     assert_eq!(std::fs::read(bench.path("kept.png")).unwrap(), b"what was there before");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn what_the_limits_of_the_process_do_not_hold_is_refused_with_its_bytes() {
+    let bench = Bench::new();
+    let limited = |arguments: &str| {
+        let mut shell = Command::new("sh");
+        let script = format!("ulimit -v 800000; exec {} {arguments}", env!("CARGO_BIN_EXE_insonify"));
+        shell.arg("-c").arg(script).current_dir(bench.path("."));
+        shell.env("RAYON_NUM_THREADS", "2");
+        Run::of(shell, arguments)
+    };
+    limited("render scene.toml --backend cpu --size 48x40 -o small.png").text();
+    limited("render scene.toml --backend cpu --size 8192x8192").fails(
+        1,
+        &["8192 x 8192 pixels", "896.0 MiB (939567104 bytes)", "are available"],
+    );
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1024 1024 1024\nencoding: raw\ndata file: large.raw\n\n";
+    bench.write("large.nhdr", header);
+    std::fs::File::create(bench.path("large.raw"))
+        .unwrap()
+        .set_len(1 << 30)
+        .unwrap();
+    limited("info large.nhdr").fails(1, &["large.raw", "1024 x 1024 x 1024", "2.0 GiB (2147483648 bytes)"]);
+}
+
 #[test]
 fn a_reader_that_has_enough_is_no_failure() {
     let bench = Bench::new();

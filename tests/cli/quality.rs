@@ -104,6 +104,29 @@ fn what_is_stated_stays_and_wrong_times_are_errors_at_their_line() {
         .fails(2, &["case.toml", "line 3", "0.01 to 10000 ms"]);
 }
 
+#[test]
+fn a_kept_file_that_no_measurement_gives_is_named_and_measured_anew() {
+    let bench = Bench::new();
+    bench.write("open.toml", &open(10_000.0));
+    let good = plan(&bench, "").json()["quality"]["settings"].clone();
+    let name = format!("cache/{}", bench.files("cache")[0]);
+    let kept = std::fs::read_to_string(bench.path(&name)).expect("kept");
+    for bad in [
+        kept.replace("\"64\"", "\"0\""),
+        kept.replace("\"64\"", "\"x\""),
+        kept.replacen('{', "[", 1),
+    ] {
+        assert_ne!(bad, kept);
+        bench.write(&name, &bad);
+        let run = plan(&bench, "");
+        assert!(
+            run.stderr.contains("warning: the kept costs are ignored") && run.stderr.contains(&name),
+            "{run:?}"
+        );
+        assert_eq!(run.json()["quality"]["settings"], good);
+    }
+}
+
 /// Costs that were kept say that nothing takes any time: what an insertion itself takes is what counts.
 #[test]
 fn steps_are_tried_on_the_insertion_itself() {

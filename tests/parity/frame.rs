@@ -1,5 +1,8 @@
 //! Whole frames: the pixels themselves.
 
+use insonify::gpu::{Gpu, Readback, row_stride};
+use insonify::synth::Synthesizer;
+
 use crate::case::{Case, check_all};
 use crate::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
@@ -40,6 +43,60 @@ fn all_effects_on_deforming_tissue_with_a_bent_needle() {
     settings.has_needle = true;
     let state = scenes::with_needle(state);
     check_all("deforming frames", &[Case::new("pressed", anatomy, settings, state)]);
+}
+
+/// What a host reads through a texture of its own.
+fn seen(gpu: &Gpu, texture: &wgpu::Texture) -> Vec<u8> {
+    let (width, height) = (texture.width(), texture.height());
+    let stride = row_stride(width);
+    let mut readback = Readback::new(gpu, "texture", stride * u64::from(height)).expect("read-back");
+    gpu.submit("texture", |recorder| {
+        let buffer = readback.raw();
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(stride as u32),
+            rows_per_image: None,
+        };
+        let to = wgpu::TexelCopyBufferInfo { buffer, layout };
+        recorder
+            .encoder()
+            .copy_texture_to_buffer(texture.as_image_copy(), to, texture.size());
+        Ok(())
+    })
+    .expect("a copy");
+    let mut pixels = vec![0; (width * height) as usize];
+    let (width, stride) = (width as usize, stride as usize);
+    readback.read_rows(gpu, &mut pixels, width, stride).expect("pixels");
+    pixels
+}
+
+#[test]
+fn the_hosts_texture_shows_new_frames_after_a_change_of_settings() {
+    let Some(gpu) = gpu_or_skip("the_hosts_texture_shows_new_frames_after_a_change_of_settings") else {
+        return;
+    };
+    let settings = scene::settings(scene::small_probe(), scenes::all_effects());
+    let mut synth = Synthesizer::new(scenes::flat_layers(), settings, backend(gpu.clone())).expect("a synthesizer");
+    let state = scene::straight();
+    synth.render_to_texture(&state).expect("a frame");
+    let texture = synth.texture().expect("a texture").clone();
+    let before = seen(&gpu, &texture);
+
+    let mut settings = synth.settings().clone();
+    settings.effects.tone.get_or_insert_default().gain_db += 12.0;
+    synth.set(settings.clone()).expect("more gain");
+    synth.render_to_texture(&state).expect("a frame");
+    assert_eq!(synth.texture(), Some(&texture));
+    let after = seen(&gpu, &texture);
+    assert_eq!(after, synth.render(&state).expect("a frame").pixels);
+    assert_ne!(after, before);
+
+    settings.image.width += 8;
+    synth.set(settings).expect("a wider image");
+    synth.render_to_texture(&state).expect("a frame");
+    let wider = synth.texture().expect("a texture");
+    assert_eq!(wider.width(), texture.width() + 8);
+    assert_eq!(seen(&gpu, wider), synth.render(&state).expect("a frame").pixels);
 }
 
 #[test]

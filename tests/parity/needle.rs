@@ -60,6 +60,30 @@ fn straight_and_bent_needles_in_and_out_of_the_plane() {
 }
 
 #[test]
+fn a_needle_along_a_beam_echoes_where_no_direction_counts() {
+    // Its sine to the beam is 0, to the power 0.
+    let mut settings = scene::settings(scene::probe(SHAPES[0].1, 40.0, 25, 96), scene::bare());
+    settings.has_needle = true;
+    settings.effects.needle = Some(NeedleEcho {
+        directivity: 0.0,
+        ..Default::default()
+    });
+    let mut state = scene::straight();
+    shaft(&[[0.0, 2.0, 0.0], [0.0, 33.0, 0.0]], &mut state);
+    let case = Case::new("sine 0, directivity 0", scenes::random_anatomy(), settings, state);
+    let echoes = case
+        .exact()
+        .expect("the reference")
+        .render_until("needle", &case.state)
+        .expect("echoes");
+    assert!(
+        echoes.needle.iter().any(|&share| share > 0.5),
+        "the needle is in the plane"
+    );
+    check_all("needle along a beam", &[case]);
+}
+
+#[test]
 fn no_needle_in_this_frame() {
     let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
     settings.has_needle = true;

@@ -96,7 +96,7 @@ impl Shader {
         };
         let both = Usage::STORAGE | Usage::COPY_SRC;
         let bound = [
-            make("params", bytemuck::bytes_of(&buffers.params), Usage::UNIFORM),
+            make("params", bytemuck::bytes_of(&buffers.params), Usage::STORAGE),
             make("positions", bytemuck::cast_slice(positions), both),
             make("elements", bytemuck::cast_slice(elements), both),
             make("frames", &buffers.bytes[0], Usage::STORAGE),

@@ -34,6 +34,7 @@ impl QualityArgs {
             &["steps"],
             "measuring what choices cost in blocks of tissue",
             quiet,
+            |costs: &StepCosts| costs.dials().all(|dial| dial.keys.len() == 1 && dial.is_sound(stands)),
             || {
                 // What is wrong with the scenario is said before that.
                 file.resolve(folder, |_| {})?;
@@ -71,7 +72,11 @@ impl QualityArgs {
         // Costs are of blocks: what is picked is tried on the insertion itself.
         let described = file.described(folder)?;
         let thing = ["trial", &format!("{budget_ms}"), &described];
-        let picked = self.kept(&thing, "trying it on this insertion", quiet, || {
+        let sound = |picked: &Option<Picked>| {
+            let mut settings = picked.iter().flat_map(|picked| &picked.settings);
+            settings.all(|setting| stands(&setting.key, &setting.value))
+        };
+        let picked = self.kept(&thing, "trying it on this insertion", quiet, sound, || {
             pick_tried("step_ms", &costs, budget_ms, open, |picked| {
                 tried(file, folder, picked, quiet)
             })
@@ -83,6 +88,16 @@ impl QualityArgs {
         set(file, &picked);
         tell(&picked, quiet);
         Ok(Some(picked))
+    }
+}
+
+/// Whether a value can be set for a key.
+fn stands(key: &str, value: &str) -> bool {
+    match key {
+        step_costs::LEVEL => level_named(value).is_some(),
+        step_costs::NODES | step_costs::THINNING => value.parse::<u32>().is_ok_and(|count| count > 0),
+        step_costs::LINK | step_costs::ELEMENT => value.parse().is_ok_and(|mm: f64| mm.is_finite() && mm > 0.0),
+        _ => false,
     }
 }
 

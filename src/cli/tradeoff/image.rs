@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use clap::Args;
+use insonify::study::tradeoff::gather::Means;
 use insonify::study::tradeoff::image::{ImageOptions, study};
 
 use crate::cli::backend::{BackendArgs, BackendName};
@@ -54,7 +55,7 @@ impl Image {
                 "ask for auto, cpu or gpu",
             ));
         }
-        let (gpus, missing) = self.backend.gpus()?;
+        let Means { gpus, missing } = self.backend.gpus()?;
         let mut options = match self.quick {
             true => ImageOptions::quick(gpus),
             false => ImageOptions::whole(gpus),

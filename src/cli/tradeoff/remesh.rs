@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use insonify::study::tradeoff::gather::Means;
 use insonify::study::tradeoff::remesh::subject::generated;
 use insonify::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 
@@ -61,7 +62,7 @@ impl Remesh {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         let meshes = self.meshes()?;
-        let (gpus, missing) = self.backend.gpus()?;
+        let Means { gpus, missing } = self.backend.gpus()?;
         self.printed.run(|progress| {
             let mut study = study(&meshes, &gpus, &self.options(), progress)?;
             study.notes.extend(missing);

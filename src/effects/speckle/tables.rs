@@ -37,7 +37,7 @@ pub struct SpeckleTables {
 /// takes 3/8 of the spread's variance (h^2 / 6), which the kernels then leave out.
 const LATTICE_PER_SIGMA: f64 = 1.5;
 
-/// Most sub-planes that the uniform block holds.
+/// Most sub-planes that the parameter block holds.
 pub(super) const MAX_PLANES: usize = 8;
 
 /// Most fine scanlines to a scanline.

@@ -139,7 +139,7 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
     if testing::open().is_none() {
         return;
     }
-    let adapter = adapter::pick(AdapterChoice::from_flag(None).name.as_deref()).unwrap();
+    let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();
     let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default())).unwrap();
     let host_saw = Arc::new(Mutex::new(Vec::new()));
     device.on_uncaptured_error({

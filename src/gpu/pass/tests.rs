@@ -4,7 +4,7 @@ use crate::gpu::{Dispatch, Readback, testing};
 const SCALE: &str = "
     struct Parameters { factor: u32 }
     override bias: u32 = 0u;
-    @group(0) @binding(0) var<uniform> parameters: Parameters;
+    @group(0) @binding(0) var<storage, read> parameters: Parameters;
     @group(0) @binding(1) var<storage, read> source: array<u32>;
     @group(0) @binding(2) var<storage, read_write> result: array<u32>;
     @compute @workgroup_size(64)
@@ -28,19 +28,19 @@ fn a_chain_of_passes_takes_each_its_own_slot_and_constants() {
     let input: Vec<u32> = (0..1000).collect();
     let first = StorageBuffer::upload(&gpu, "first", &input).unwrap();
     let second = StorageBuffer::zeroed(&gpu, "second", first.bytes()).unwrap();
-    let mut uniforms = Uniforms::new(&gpu, "parameters", 2).unwrap();
+    let mut parameters = Parameters::new(&gpu, "parameters", 2).unwrap();
     let plain = Pipeline::new(&gpu, &scale(SCALE, &[])).unwrap();
     let biased = Pipeline::new(&gpu, &scale(SCALE, &[("bias", 5.0)])).unwrap();
-    let there = plain.bind(&gpu, &uniforms, &[&first, &second]).unwrap();
-    let back = biased.bind(&gpu, &uniforms, &[&second, &first]).unwrap();
+    let there = plain.bind(&gpu, &parameters, &[&first, &second]).unwrap();
+    let back = biased.bind(&gpu, &parameters, &[&second, &first]).unwrap();
     let mut readback = Readback::new(&gpu, "first", first.bytes()).unwrap();
     let workgroups = [1000_u32.div_ceil(64), 1, 1];
 
     let mut expected = input;
     for factor in [2_u32, 3] {
-        uniforms.set(0, &factor).unwrap();
-        uniforms.set(1, &10_u32).unwrap();
-        uniforms.write(&gpu).unwrap();
+        parameters.set(0, &factor).unwrap();
+        parameters.set(1, &10_u32).unwrap();
+        parameters.write(&gpu).unwrap();
         gpu.submit("frame", |recorder| {
             recorder.run(
                 "frame",
@@ -125,7 +125,7 @@ fn a_pass_that_does_not_fit_its_declaration_is_an_error() {
 fn more_storage_buffers_than_the_device_has_is_a_limit() {
     let Some(gpu) = testing::open() else { return };
     let available = gpu.limits().max_storage_buffers_per_shader_stage;
-    let storage = vec![Access::Read; available as usize + 1];
+    let storage = vec![Access::Read; available as usize];
     match Pipeline::new(
         &gpu,
         &PassSource {
@@ -150,8 +150,8 @@ fn bindings_and_slots_are_counted() {
     let Some(gpu) = testing::open() else { return };
     let pipeline = Pipeline::new(&gpu, &scale(SCALE, &[])).unwrap();
     let buffer = StorageBuffer::zeroed(&gpu, "buffer", 4).unwrap();
-    let mut uniforms = Uniforms::new(&gpu, "parameters", 1).unwrap();
-    let short = pipeline.bind(&gpu, &uniforms, &[&buffer]);
+    let mut parameters = Parameters::new(&gpu, "parameters", 1).unwrap();
+    let short = pipeline.bind(&gpu, &parameters, &[&buffer]);
     assert!(
         matches!(
             short,
@@ -164,12 +164,12 @@ fn bindings_and_slots_are_counted() {
         "{short:?}"
     );
     assert!(matches!(
-        uniforms.set(1, &0_u32),
+        parameters.set(1, &0_u32),
         Err(GpuError::Mismatch { found: 1, .. })
     ));
     assert!(matches!(
-        uniforms.set(0, &[0_u32; 65]),
+        parameters.set(0, &[0_u32; 65]),
         Err(GpuError::Mismatch { found: 260, .. })
     ));
-    assert_eq!(uniforms.set(0, &[0_u32; 64]), Ok(()));
+    assert_eq!(parameters.set(0, &[0_u32; 64]), Ok(()));
 }

@@ -1,7 +1,7 @@
 //! Two locators as the buffers of `shaders/warp.wgsl`.
 //!
 //! The arrays of the reference locator come first in each buffer and those of the deformed one behind them, each at a place
-//! of its own whatever the other holds: a frame rewrites what belongs to the state that moved. The uniform says where each
+//! of its own whatever the other holds: a frame rewrites what belongs to the state that moved. The parameter block says where each
 //! begins.
 
 use bytemuck::{Pod, Zeroable};
@@ -11,7 +11,7 @@ use super::grid::CellGrid;
 use super::locator::Locator;
 use super::map::States;
 
-/// One grid in the shader's uniform.
+/// One grid in the shader's parameter block.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct GridParams {
@@ -33,7 +33,7 @@ pub struct GridParams {
     pub frames_at: u32,
 }
 
-/// The uniform of `shaders/warp.wgsl`.
+/// The parameter block of `shaders/warp.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WarpParams {
@@ -109,7 +109,7 @@ impl WarpCapacities {
     }
 }
 
-/// The uniform of a mesh in its two states; `lines`, `samples` and `planes` are the caller's to set.
+/// The parameter block of a mesh in its two states; `lines`, `samples` and `planes` are the caller's to set.
 pub fn params(states: &States<f32>) -> WarpParams {
     let (deformed, reference) = (states.deformed(), states.reference());
     let places = Places::of(deformed);

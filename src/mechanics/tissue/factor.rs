@@ -192,6 +192,10 @@ impl<R: Real + RealField> Factor<R> {
             bytes: length.checked_mul(size_of::<R>()),
         };
         if self.spare.len() != length {
+            let needed = length.saturating_mul(size_of::<R>());
+            if crate::memory::available().is_some_and(|available| needed > available) {
+                return Err(memory);
+            }
             self.spare.try_reserve_exact(length).map_err(|_| memory.clone())?;
             self.spare.resize(length, R::of(0.0));
         }

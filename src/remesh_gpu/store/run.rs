@@ -184,9 +184,9 @@ impl DeviceStore {
                 add: params.add | u32::from(slot > 0),
                 ..params
             };
-            self.uniforms.set(slot, &own)?;
+            self.parameters.set(slot, &own)?;
         }
-        self.uniforms.write(&self.gpu)
+        self.parameters.write(&self.gpu)
     }
 
     /// Blocks of rows.

@@ -11,7 +11,7 @@ mod grain;
 mod hashes;
 mod moved;
 mod random;
-mod setup;
+pub(super) mod setup;
 
 use super::case::{Case, Group};
 

@@ -51,15 +51,18 @@ pub struct Means {
 }
 
 impl Means {
-    /// All devices of this machine.
+    /// All hardware devices of this machine; software ones run on the CPU.
     pub fn here() -> Self {
         let mut means = Means::default();
         for found in adapter::list() {
             let name = format!("{} ({})", found.name, found.backend);
-            let choice = AdapterChoice {
-                name: Some(name.clone()),
-            };
-            match Gpu::open(&choice, &Needs::default()) {
+            if found.software {
+                means
+                    .missing
+                    .push(format!("{name} was not measured: it is {}", adapter::SOFTWARE));
+                continue;
+            }
+            match Gpu::open(&AdapterChoice::named(name.clone()), &Needs::default()) {
                 Ok(gpu) => means.gpus.push(gpu),
                 Err(error) => means.missing.push(format!("{name} was not measured: {error}")),
             }

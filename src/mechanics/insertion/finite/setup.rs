@@ -115,6 +115,16 @@ pub enum InvalidSetup {
     Remesh(#[from] RemeshError),
 }
 
+impl InvalidSetup {
+    /// Whether the machine failed rather than the input: too little memory.
+    pub fn is_machine(&self) -> bool {
+        matches!(
+            self,
+            Self::Factor(FactorError::Memory { .. }) | Self::Inverse(InverseError::Memory { .. })
+        )
+    }
+}
+
 impl Setup {
     fn check(&self) -> Result<(), InvalidPart> {
         parts::interactions(&self.interactions)?;

@@ -9,7 +9,7 @@ use crate::mechanics::mesh::locator::MAX_WALK;
 const SHADER: &str = include_str!("../../../../shaders/warp.wgsl");
 
 #[test]
-fn shader_is_valid_and_its_uniform_has_the_layout_of_the_struct() {
+fn shader_is_valid_and_its_block_has_the_layout_of_the_struct() {
     let module = wgsl::parse_str(SHADER).unwrap_or_else(|e| panic!("{}", e.emit_to_string(SHADER)));
     Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)

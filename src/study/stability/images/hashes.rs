@@ -1,6 +1,6 @@
 //! The hash behind everything random, on a GPU.
 
-use crate::gpu::{Access, Dispatch, Gpu, GpuError, PassSource, Pipeline, Readback, StorageBuffer, Uniforms};
+use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
 use crate::random::{hash3, seed_words};
 
 /// The hash of a point, where `points` holds each point and then its seed.
@@ -56,8 +56,8 @@ pub fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuEr
             constants: &[],
         },
     )?;
-    let uniforms = Uniforms::new(gpu, "none", 1)?;
-    let bindings = pipeline.bind(gpu, &uniforms, &[&points, &words])?;
+    let parameters = Parameters::new(gpu, "none", 1)?;
+    let bindings = pipeline.bind(gpu, &parameters, &[&points, &words])?;
     let mut readback = Readback::new(gpu, "words", bytes)?;
     gpu.submit("hashes", |recorder| {
         recorder.run(

@@ -15,9 +15,7 @@ use crate::tracking::probe::{Probe, ProbeShape};
 pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
     let mut found = Vec::new();
     for adapter in adapter::list() {
-        let choice = AdapterChoice {
-            name: Some(format!("{} ({})", adapter.name, adapter.backend)),
-        };
+        let choice = AdapterChoice::named(format!("{} ({})", adapter.name, adapter.backend));
         match Gpu::open(&choice, &Needs::default()) {
             Ok(gpu) => found.push(gpu),
             Err(error) => record.report(format!("adapter that does not open ({error})"), 1.0),

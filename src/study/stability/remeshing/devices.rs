@@ -6,8 +6,8 @@ use super::precision::difference;
 use super::setup::{BACKENDS, Now, Start};
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Remesher, Source};
 use crate::remesh_gpu::follow;
+use crate::study::stability::images::setup::gpus;
 use crate::study::stability::record::{Record, Unexpected};
-use crate::study::tradeoff::gather::Means;
 
 /// Moves after which single and double precision are compared, as on the CPU.
 const COMPARED: u64 = 10;
@@ -15,12 +15,11 @@ const COMPARED: u64 = 10;
 /// The same moves on a device and in double precision on the CPU; then many more.
 pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let many = record.effort().pick(60, 1000);
-    let means = Means::here();
-    record.report("GPUs that the machine has", means.gpus.len() as f64);
+    let gpus = gpus(record);
     let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
     let double = double.ok_or_else(|| Unexpected::new("no backend in f64"))?;
     let start = Start::new(record.seed(), 0.45)?;
-    for gpu in &means.gpus {
+    for gpu in &gpus {
         for level in [Level::I, Level::II, Level::III] {
             let what = format!("level {level}, {}", gpu.report().name);
             let source = Source::Single(Arc::clone(&start.single));

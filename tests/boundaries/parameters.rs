@@ -1,4 +1,4 @@
-//! Uniform blocks: the same names at the same offsets in Rust and in WGSL.
+//! Parameter blocks: the same names at the same offsets in Rust and in WGSL.
 
 use std::mem::offset_of;
 
@@ -8,7 +8,7 @@ use insonify::effects::{
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 
-use crate::shaders::{layout, parse, passes, uniform};
+use crate::shaders::{block_of, layout, parse, passes};
 
 struct Block {
     /// Start of the names of the passes that bind it.
@@ -102,12 +102,12 @@ fn blocks() -> Vec<Block> {
 }
 
 #[test]
-fn uniform_blocks_have_the_layout_of_their_structs() {
+fn blocks_have_the_layout_of_their_structs() {
     for pass in passes() {
         let block = blocks().into_iter().find(|block| pass.name.starts_with(block.pass));
-        let block = block.unwrap_or_else(|| panic!("say what members the uniform block of {} has", pass.name));
+        let block = block.unwrap_or_else(|| panic!("say what members the block of {} has", pass.name));
         let (module, _) = parse(pass);
-        let (mut members, span) = uniform(&module);
+        let (mut members, span) = block_of(&module);
         assert_eq!(span, block.size, "{}: size of the block", pass.name);
         for (name, offset) in block.members {
             assert_eq!(members.remove(name), Some(offset), "{}: offset of {name}", pass.name);

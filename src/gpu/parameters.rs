@@ -1,27 +1,30 @@
-//! The parameters of all passes in one uniform buffer, written once a frame.
+//! The parameters of all passes in one storage buffer, written once a frame.
+//!
+//! It is no uniform buffer: where a uniform decides a branch or ends a loop, software Vulkan (lavapipe of Mesa 22.3) compiles the
+//! pass anew at every dispatch and keeps the result for as long as the device lives.
 
 use bytemuck::NoUninit;
 
 use super::error::check_limit;
 use super::{Gpu, GpuError};
 
-/// Bytes of one slot: the largest `min_uniform_buffer_offset_alignment` that WebGPU lets a device ask for.
+/// Bytes of one slot: the largest `min_storage_buffer_offset_alignment` that WebGPU lets a device ask for.
 pub const SLOT_BYTES: u64 = 256;
 
-/// Slots of [`SLOT_BYTES`] bytes, each the uniform block (binding 0) of one dispatch.
+/// Slots of [`SLOT_BYTES`] bytes, each the parameter block (binding 0) of one dispatch.
 #[derive(Debug)]
-pub struct Uniforms {
+pub struct Parameters {
     label: String,
     buffer: wgpu::Buffer,
     values: Vec<u8>,
 }
 
-impl Uniforms {
+impl Parameters {
     /// `slots` blocks of zeros, at least one.
     pub fn new(gpu: &Gpu, label: &str, slots: u32) -> Result<Self, GpuError> {
         let size = u64::from(slots.max(1)) * SLOT_BYTES;
         check_limit(
-            || format!("uniforms '{label}'"),
+            || format!("parameters '{label}'"),
             "max_buffer_size",
             size,
             gpu.limits().max_buffer_size,
@@ -29,10 +32,10 @@ impl Uniforms {
         let descriptor = wgpu::BufferDescriptor {
             label: Some(label),
             size,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         };
-        let buffer = gpu.scoped(&format!("making uniforms '{label}'"), || {
+        let buffer = gpu.scoped(&format!("making parameters '{label}'"), || {
             Ok(gpu.device().create_buffer(&descriptor))
         })?;
         Ok(Self {
@@ -47,12 +50,12 @@ impl Uniforms {
         (self.buffer.size() / SLOT_BYTES) as u32
     }
 
-    /// Sets a slot on the CPU side. `block` is laid out as WGSL's uniform address space asks, at most
+    /// Sets a slot on the CPU side. `block` is laid out as its struct in WGSL, at most
     /// [`SLOT_BYTES`] bytes; the rest of the slot keeps its value.
     pub fn set<T: NoUninit>(&mut self, slot: u32, block: &T) -> Result<(), GpuError> {
         let bytes = bytemuck::bytes_of(block);
         let mismatch = |what: &str, expected: u64, found: u64| GpuError::Mismatch {
-            what: format!("{what} of uniforms '{}' (at most)", self.label),
+            what: format!("{what} of parameters '{}' (at most)", self.label),
             expected,
             found,
         };
