@@ -131,6 +131,7 @@ impl Error {
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Phantom(error) => error.is_machine(),
+            Self::Generate(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory(_)) => true,
@@ -146,7 +147,6 @@ impl Error {
             | Self::Tissue(_)
             | Self::Puncture(_)
             | Self::Completion(_)
-            | Self::Generate(_)
             | Self::Synth(_) => false,
         }
     }

@@ -29,10 +29,10 @@ Without --compare one scene is timed at its own size. With it, GPU and CPU are c
   effects            a frame with everything, without each effect and with each alone
   memory             bytes that each effect holds, and that nothing is left of where a scene does without
 
-Without a GPU it says so and measures the CPU's part. Without a scene it takes one with every effect, a mesh and a needle.
+Without a hardware GPU it says so and measures the CPU's part; --adapter NAME takes a software one. Without a scene it takes one with every effect, a mesh and a needle.
 
 Examples:
-  insonify bench                               the default scene on every backend
+  insonify bench                               the default scene on the CPU and every hardware GPU
   insonify bench scene.toml --backend cpu --frames 20
   insonify bench --compare -o report           everything above, with a page, tables (CSV, JSON) and plots: some minutes
   insonify bench --compare scene.toml --json";

@@ -105,6 +105,7 @@ impl ScenarioError {
             Wrong::Text(error) => error.is_machine(),
             Wrong::Scene(problem) => problem.is_machine(),
             Wrong::MeshFile(error) => error.is_machine(),
+            Wrong::Generate(error) => error.is_machine(),
             Wrong::Setup(error) => error.is_machine(),
             _ => false,
         }

@@ -30,11 +30,15 @@ mod tissue;
 use nalgebra::Matrix4;
 
 use super::{InvalidMesh, TetMesh};
+use crate::memory::{self, TooLarge};
 use contents::Sampler;
 use tissue::Tissue;
 
 /// Most nodes of a mesh: about 10 GB are needed to make it.
 pub const MOST_NODES: usize = 5_000_000;
+
+/// Memory at the peak, bytes a node: measured at 40,000 nodes.
+const BYTES_A_NODE: usize = 2048;
 /// Largest of the least dihedral angles that can be asked for, degrees: refinement alone leaves 45 in cubic cells, about 35
 /// in the flattest, and the fit needs room.
 pub const MOST_DIHEDRAL_DEG: f64 = 30.0;
@@ -169,6 +173,9 @@ pub enum GenerateError {
         /// Nodes asked for.
         nodes: usize,
     },
+    /// The budget needs more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
     /// The budget is too small for this tissue.
     #[error("{nodes} nodes are too few for this tissue; at least about {least} are needed")]
     TooFewNodes {
@@ -196,6 +203,13 @@ pub enum GenerateError {
     Mesh(#[from] InvalidMesh),
 }
 
+impl GenerateError {
+    /// Whether the machine failed rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Memory(_))
+    }
+}
+
 /// Makes a mesh of at most `nodes` nodes from a labelled volume: a few per cent fewer in anatomy, up to 15 % where a symmetric
 /// volume makes many elements change at once, more where tissue is too thin for its elements. `progress` hears the share that
 /// is done, ascending from 0 to 1.
@@ -212,6 +226,7 @@ pub fn generate(
     mut progress: impl FnMut(f32),
 ) -> Result<Generated, GenerateError> {
     check(nodes, options)?;
+    memory::check((nodes * BYTES_A_NODE) as u64, &format!("a mesh of {nodes} nodes"))?;
     progress(0.0);
     let tissue = Tissue::new(grid)?;
     let sampler = Sampler::new();
