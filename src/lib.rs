@@ -10,6 +10,7 @@
 //! | [`volume`] | labelled volumes, solid textures and their file formats |
 //! | [`phantom`] | labelled volumes made from code |
 //! | [`tissue`] | the tissue table and the bank of solid textures |
+//! | [`segmentation`] | label files and folders of masks, their labels named |
 //! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
 //! | [`effects`] | the ordered registry of effects: parameters, CPU reference, pass declaration |
 //! | [`plan`] | scene to passes and resources, each with its reason |
@@ -50,6 +51,7 @@ pub mod real;
 pub mod remesh_gpu;
 pub mod scenario;
 pub mod scene;
+pub mod segmentation;
 mod simd;
 pub mod simulator;
 pub mod statics;

@@ -9,13 +9,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub mod bank;
+mod numbering;
 pub mod overrides;
 pub mod presets;
 mod resolve;
 pub mod totalsegmentator;
 
 pub use overrides::{TissueError, TissueOverride};
-pub use resolve::Preset;
+pub use resolve::{Origin, Preset};
+pub(crate) use resolve::{fallback, known, without_side};
 
 /// What a tissue looks like to ultrasound and how it yields.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -9,7 +9,6 @@ mod data;
 pub(crate) mod element;
 mod error;
 pub(crate) mod header;
-mod info;
 mod labels;
 mod load;
 mod metaimage;
@@ -28,7 +27,6 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 pub(crate) use data::read as read_data;
 pub use error::{At, VolumeError};
-pub use info::{Info, LabelInfo, describe};
 pub(crate) use load::read_header;
 pub use load::{Loaded, ScalarImage, load, load_scalar};
 pub use save::save;
@@ -38,7 +36,7 @@ pub use save::save;
 pub struct Label {
     /// The value in the file.
     pub value: i64,
-    /// The name in the file, if it carries one.
+    /// The name: that of the file, or one that it was given since.
     pub name: Option<String>,
     /// Voxels that carried the value in the file (before any completion, and before overlapping layers were flattened).
     pub voxels: u64,
@@ -189,6 +187,11 @@ impl LabelVolume {
     /// Whether any voxel has a label index. [`Label::voxels`] does not tell: it counts what a file held.
     pub fn holds(&self, label_index: usize) -> bool {
         self.held.get(label_index).is_some_and(|&held| held)
+    }
+
+    /// Names a label.
+    pub(crate) fn name(&mut self, label_index: usize, name: String) {
+        self.labels[label_index].name = Some(name);
     }
 
     /// Voxel index to LPS millimetres.

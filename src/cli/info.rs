@@ -3,26 +3,30 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use insonify::volume::{describe, load};
+use insonify::segmentation;
 
 use super::failure::Failure;
+use super::input::NamesArg;
 use super::terminal;
 
-/// Prints size, spacing, orientation, and the labels of a file with names, voxels and millilitres
+/// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the tissue that each is taken
+/// for with the evidence (`?` where it is a guess)
 #[derive(Args)]
 pub struct Info {
-    /// Label file: NIfTI, NRRD or MetaImage
+    /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Print JSON: `size`, `spacing_mm`, `orientation`, `origin_mm`, `labels`, `warnings`
+    #[command(flatten)]
+    names: NamesArg,
+    /// Print JSON: `size`, `spacing_mm`, `orientation`, `origin_mm`, `labels`, `notes`, `warnings`
     #[arg(long)]
     json: bool,
 }
 
 impl Info {
     pub fn run(&self) -> Result<(), Failure> {
-        let loaded = load(&self.file)?;
-        let info = describe(&loaded.volume, &self.file, &loaded.warnings);
+        let opened = segmentation::open(&self.file, &self.names.naming()?)?;
+        let info = segmentation::Info::new(&opened, &self.file);
         if self.json {
             terminal::emit_json(&info)
         } else {

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use insonify::quality::Picked;
 use insonify::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
+use insonify::segmentation::{Names, Naming, stem};
+use insonify::volume::VolumeError;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
@@ -14,14 +16,36 @@ use super::terminal::{note, warn};
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
 
+/// A table of label names.
+#[derive(Args)]
+pub struct NamesArg {
+    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, label descriptions of ITK-SNAP
+    /// [default: the file of the same name that ends in .csv, beside labels without names]
+    #[arg(long = "names", value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+impl NamesArg {
+    /// How labels get their names.
+    pub fn naming(&self) -> Result<Naming<'static>, VolumeError> {
+        Ok(Naming {
+            names: self.file.as_deref().map(Names::read).transpose()?,
+            ..Naming::default()
+        })
+    }
+}
+
 #[derive(Args)]
 pub struct Input {
     /// Scene file (TOML); none takes the built-in default scene, or with --labels the label file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-    /// Label file to image: NIfTI, NRRD or MetaImage; with a scene it takes the place of the scene's volume
+    /// Label file to image (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files; with a scene it takes
+    /// the place of the scene's volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
+    #[command(flatten)]
+    names: NamesArg,
     /// Place the probe on the skin over this organ: a label or tissue name, or a part of one
     #[arg(long, value_name = "NAME")]
     target: Option<String>,
@@ -35,16 +59,21 @@ pub struct Input {
 impl Input {
     /// Whether nothing is asked for, so that the command may choose.
     pub fn is_default(&self) -> bool {
-        self.scene.is_none() && self.labels.is_none() && self.target.is_none() && self.size.is_none()
+        self.scene.is_none()
+            && self.labels.is_none()
+            && self.names.file.is_none()
+            && self.target.is_none()
+            && self.size.is_none()
     }
 
     fn load(&self) -> Result<Scene, Failure> {
         let mut file = match (&self.scene, &self.labels) {
-            (Some(scene), _) if is_image(scene) => {
+            (Some(scene), _) if scene.is_dir() || stem(scene).is_some() => {
                 let name = scene.display();
+                let kind = if scene.is_dir() { "a folder" } else { "an image file" };
                 return Err(Failure::usage(
-                    format!("{name} is an image file, not a scene"),
-                    format!("a label file is given with --labels {name}"),
+                    format!("{name} is {kind}, not a scene"),
+                    format!("labels are given with --labels {name}"),
                 ));
             }
             (Some(scene), _) => SceneFile::read(scene)?,
@@ -70,16 +99,18 @@ impl Input {
 
     fn amend(&self, file: &mut SceneFile) {
         if let Some(labels) = &self.labels {
-            // Relative to where the command runs, not to the scene's folder.
-            let path = std::path::absolute(labels).unwrap_or_else(|_| labels.clone());
             let volume = file.volume.take().unwrap_or_default();
             file.volume = Some(VolumeSpec {
-                file: Some(path),
+                file: Some(here(labels)),
+                names: None,
                 phantom: None,
                 resolution_mm: None,
                 seed: None,
                 ..volume
             });
+        }
+        if let Some(names) = &self.names.file {
+            file.volume.get_or_insert_default().names = Some(here(names));
         }
         if let Some(target) = &self.target {
             let plane = file.pose.take().and_then(|pose| pose.plane);
@@ -98,12 +129,9 @@ impl Input {
     }
 }
 
-/// Whether a file is named as a volume is.
-fn is_image(path: &Path) -> bool {
-    let name = path.to_string_lossy().to_ascii_lowercase();
-    [".nii", ".nii.gz", ".hdr", ".img", ".nrrd", ".nhdr", ".mha", ".mhd"]
-        .iter()
-        .any(|end| name.ends_with(end))
+/// A path relative to where the command runs, not to the scene's folder.
+fn here(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {

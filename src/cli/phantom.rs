@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use insonify::phantom::{PhantomOptions, make};
-use insonify::volume::{describe, save};
+use insonify::segmentation::{Info, Segmentation};
+use insonify::volume::save;
 
 use super::failure::Failure;
 use super::terminal;
@@ -34,6 +35,6 @@ impl Phantom {
         };
         let volume = make(self.name, &options)?;
         save(&volume, &self.output)?;
-        terminal::emit(&describe(&volume, &self.output, &[]).to_string())
+        terminal::emit(&Info::new(&Segmentation::from(volume), &self.output).to_string())
     }
 }

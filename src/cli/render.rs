@@ -57,6 +57,9 @@ pub struct Render {
     /// Write a small picture of the probe against the anatomy beside each frame
     #[arg(long)]
     overview: bool,
+    /// Write the labels as they are imaged, the body completed: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
+    #[arg(long, value_name = "FILE")]
+    save_labels: Option<PathBuf>,
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
@@ -96,6 +99,9 @@ impl Render {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
         let (scene, picked) = self.input.scene(&self.backend, self.quiet)?;
+        if let Some(path) = &self.save_labels {
+            insonify::volume::save(&scene.anatomy.volume, path)?;
+        }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         let target = Target::choose(self.output.as_deref(), count)?;
         let size = scene.settings.image;

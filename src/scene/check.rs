@@ -87,6 +87,7 @@ impl SceneFile {
             ("seed", volume.seed.is_some()),
         ];
         let for_files = [
+            ("names", volume.names.is_some()),
             ("unlabelled", volume.unlabelled.is_some()),
             ("muscle_mm", volume.muscle_mm.is_some()),
             ("fat_mm", volume.fat_mm.is_some()),

@@ -76,7 +76,7 @@ pub struct SceneFile {
 }
 
 impl SceneFile {
-    /// The scene of a label file alone: the body completed, tissues by name or TotalSegmentator value, the probe on the skin
+    /// The scene of a label file or folder of masks alone: the body completed, tissues by name or value, the probe on the skin
     /// over the largest soft organ, the usual effects.
     pub fn for_labels(path: &Path) -> Self {
         Self {
@@ -104,9 +104,13 @@ pub struct VolumeSpec {
     /// Phantom only: seed of its uneven surfaces, vessels and gas. Default 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// A label file: NIfTI, NRRD or MetaImage. NIfTI holds its place in single precision, in steps of 0.008 mm at 1e5 mm.
+    /// A label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files. NIfTI holds its place in single precision, in steps of 0.008 mm at 1e5 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
+    /// File only: a table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, label descriptions
+    /// of ITK-SNAP. Default: the file of the same name that ends in .csv, beside labels without names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub names: Option<PathBuf>,
     /// File only: what unlabelled voxels are taken for. Default `auto`: a body is closed around the labelled anatomy unless
     /// the labels describe one.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -13,6 +13,7 @@ use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
 use crate::phantom::{self, PhantomOptions};
+use crate::segmentation::{Names, Naming, open};
 use crate::synth::tables::{Anatomy, Settings};
 use crate::tissue::{TissueError, TissueTable, bank};
 use crate::tracking::matrix::Rows;
@@ -21,7 +22,7 @@ use crate::tracking::probe::{BeamGrid, ProbeSpec};
 use crate::tracking::trajectory::Trajectory;
 use crate::volume::complete::{CompleteOptions, CompletionError, complete};
 use crate::volume::texture::{InvalidTexture, SolidTexture, TextureOptions};
-use crate::volume::{LabelVolume, load, load_scalar};
+use crate::volume::{LabelVolume, load_scalar};
 
 impl SceneFile {
     /// Loads or makes everything that the scene names, fills in what it leaves open and checks it all. Relative paths start
@@ -144,8 +145,16 @@ impl SceneFile {
             return phantom::make(kind, &options).at(self, "volume.resolution_mm");
         }
         let path = base.join(spec.file.as_deref().unwrap_or(Path::new("")));
-        let loaded = load(&path).at(self, "volume.file")?;
-        warnings.extend(loaded.warnings);
+        let table = spec.names.as_ref().map(|names| Names::read(&base.join(names)));
+        let claimed: Vec<i64> = self.tissue.iter().flat_map(|tissue| tissue.labels.clone()).collect();
+        let naming = Naming {
+            names: table.transpose().at(self, "volume.names")?,
+            preset: spec.preset.unwrap_or_default(),
+            claimed: &claimed,
+        };
+        let opened = open(&path, &naming).at(self, "volume.file")?;
+        notes.extend(opened.notes);
+        warnings.extend(opened.warnings);
         let usual = CompleteOptions::default();
         let options = CompleteOptions {
             mode: spec.unlabelled.unwrap_or(usual.mode),
@@ -153,7 +162,7 @@ impl SceneFile {
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };
-        let completed = complete(&loaded.volume, &options).map_err(|error| {
+        let completed = complete(&opened.volume, &options).map_err(|error| {
             let key = match &error {
                 CompletionError::Thickness { layer, .. } => format!("volume.{layer}_mm"),
                 CompletionError::Volume(_) => "volume.file".to_owned(),

@@ -6,7 +6,7 @@ use super::error::{Problem, SceneError};
 use super::file::SceneFile;
 use crate::document::{Names, RegionName, nearest, plain};
 use crate::phantom;
-use crate::tissue::{TissueTable, totalsegmentator};
+use crate::tissue::TissueTable;
 use crate::tracking::matrix::Rows;
 use crate::tracking::placement::{Meaning, PlacementOptions, place};
 use crate::tracking::pose::{Pose, PoseSpec};
@@ -58,6 +58,17 @@ impl SceneFile {
         turned.pose(None).map_err(invalid)
     }
 
+    /// The error of a target that no label has, with the names most like it.
+    fn no_target(&self, target: &str, names: &[String]) -> SceneError {
+        let meant = nearest(target, names.iter().map(String::as_str));
+        let mut like: Vec<String> = names.to_vec();
+        like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
+        let expected = format!("a name such as {}; `insonify info FILE` lists them", some_of(&like));
+        let found = target.to_owned();
+        let error = self.fault("pose.target", Problem::Name { found, expected });
+        error.with_help(meant.map(|meant| format!("did you mean \"{meant}\"?")))
+    }
+
     fn placed(
         &self,
         body: &Body<'_>,
@@ -67,15 +78,16 @@ impl SceneFile {
     ) -> Result<Pose, SceneError> {
         let table = self.pose.clone().unwrap_or_default();
         let label = match &table.target {
-            Some(target) => body.named(target).ok_or_else(|| {
-                let names = Names::new(body.entries()).known();
-                let help = nearest(target, names.iter().map(String::as_str));
-                let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
-                let expected = format!("one of {}", names.join(", "));
-                let found = target.clone();
-                self.fault("pose.target", Problem::Name { found, expected })
-                    .with_help(help)
-            })?,
+            Some(target) => {
+                let label = body.named(target);
+                let label = label.ok_or_else(|| self.no_target(target, &Names::new(body.entries()).known()))?;
+                let names: Vec<String> = body.matching(target).iter().map(|label| body.name(*label)).collect();
+                if names.len() > 1 {
+                    let found = some_of(&names);
+                    notes.push(format!("the target \"{target}\" is the largest of {found}"));
+                }
+                label
+            }
             None => body.largest_organ().ok_or_else(|| {
                 let expected = "labelled tissue, or a `[pose]`";
                 self.wrong_keys(
@@ -110,6 +122,15 @@ impl SceneFile {
     }
 }
 
+/// A few of some names, for a message.
+fn some_of(names: &[String]) -> String {
+    const SHOWN: usize = 8;
+    match names.len().saturating_sub(SHOWN) {
+        0 => names.join(", "),
+        more => format!("{} and {more} more", names[..SHOWN].join(", ")),
+    }
+}
+
 /// Whether a label is the air around the body.
 fn is_outside(tissues: &TissueTable, label: u8) -> bool {
     matches!(tissues.of(label).name.as_ref(), "background" | "air")
@@ -124,14 +145,21 @@ impl Body<'_> {
         counts
     }
 
-    fn largest(&self, wanted: impl Fn(u8, &Label) -> bool) -> Option<u8> {
+    /// The labels of the volume that are wanted, the largest first.
+    fn by_size(&self, wanted: impl Fn(u8, &Label) -> bool) -> Vec<u8> {
         let counts = self.counts();
-        (0u8..=255)
+        let mut labels: Vec<u8> = (0u8..=255)
             .zip(self.volume.labels())
             .skip(1)
             .filter(|(label, of)| counts[usize::from(*label)] > 0 && wanted(*label, of))
             .map(|(label, _)| label)
-            .max_by_key(|label| (counts[usize::from(*label)], std::cmp::Reverse(*label)))
+            .collect();
+        labels.sort_by_key(|label| std::cmp::Reverse(counts[usize::from(*label)]));
+        labels
+    }
+
+    fn largest(&self, wanted: impl Fn(u8, &Label) -> bool) -> Option<u8> {
+        self.by_size(wanted).first().copied()
     }
 
     /// The largest soft organ, or else the largest label that the file itself has.
@@ -141,10 +169,15 @@ impl Body<'_> {
             .or_else(|| self.largest(|label, _| !is_outside(self.tissues, label)))
     }
 
-    /// The largest label that a target may mean: by value, by whole name, or by a part of one.
+    /// The largest label that a target may mean.
     fn named(&self, target: &str) -> Option<u8> {
+        self.matching(target).first().copied()
+    }
+
+    /// The labels that a target may mean, the largest first: by value, by whole name, or by a part of one.
+    fn matching(&self, target: &str) -> Vec<u8> {
         let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
-        self.largest(|label, _| meant.contains(&label))
+        self.by_size(|label, _| meant.contains(&label))
     }
 
     /// Every label but the background, with its value and names.
@@ -156,12 +189,8 @@ impl Body<'_> {
     }
 
     fn names_of(&self, label: u8, of: &Label) -> Vec<String> {
-        let class = totalsegmentator::by_value(of.value).filter(|_| of.name.is_none());
-        let own = of.name.as_deref().or(class.map(|class| class.name));
-        own.into_iter()
-            .chain([self.tissues.of(label).name.as_ref()])
-            .map(plain)
-            .collect()
+        let own = of.name.as_deref().into_iter();
+        own.chain([self.tissues.of(label).name.as_ref()]).map(plain).collect()
     }
 
     /// The name of a label, or its value.

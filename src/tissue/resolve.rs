@@ -4,22 +4,61 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
+use crate::document::plain;
 use crate::volume::Label;
 
 /// How labels without an explicit tissue find theirs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; without names, by value, if every value is
-    /// one of TotalSegmentator's.
+    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; without names by value, as TotalSegmentator,
+    /// BTCV or AMOS number organs, whichever fits the volumes of the labels.
     #[default]
     Auto,
-    /// As `auto`, and labels without names by TotalSegmentator's values whatever the others are.
+    /// As `auto`, and labels without names by TotalSegmentator's values.
     TotalSegmentator,
+    /// As `auto`, and labels without names by the values of BTCV, 1 to 13.
+    Btcv,
+    /// As `auto`, and labels without names by the values of AMOS, 1 to 15.
+    Amos,
     /// By names that are exactly those of built-in tissues, as phantoms carry them.
     Phantom,
     /// Not at all: only explicit tissues count.
     None,
+}
+
+/// The evidence for the tissue of a label.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// Its name is that of a tissue.
+    Name,
+    /// Its name is that of a TotalSegmentator class.
+    ClassName,
+    /// A word in its name.
+    Word,
+    /// Its value, in the numbering of this preset.
+    Value(Preset),
+    /// None: nothing is known of it.
+    Fallback,
+}
+
+impl Origin {
+    /// True where the tissue follows from a whole name.
+    pub fn is_sure(self) -> bool {
+        matches!(self, Self::Name | Self::ClassName)
+    }
+}
+
+impl std::fmt::Display for Origin {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Name => f.write_str("name"),
+            Self::ClassName => f.write_str("class name"),
+            Self::Word => f.write_str("word"),
+            Self::Value(preset) => write!(f, "{} value", preset.title()),
+            Self::Fallback => f.write_str("fallback"),
+        }
+    }
 }
 
 /// Words that decide where no exact name does, and their tissues. The first row that has a word of the label wins; a
@@ -98,21 +137,12 @@ const KEYWORDS: &[(&str, &str)] = &[
 ];
 
 /// The tissue of labels about which nothing is known.
-pub(super) fn fallback() -> &'static Tissue {
+pub(crate) fn fallback() -> &'static Tissue {
     presets::get("soft_tissue").unwrap_or(&presets::all()[0])
 }
 
-/// Lower case, and everything but letters and digits as single underscores.
-fn normalised(name: &str) -> String {
-    let lower = name.to_lowercase();
-    let words: Vec<&str> = lower
-        .split(|c: char| !c.is_alphanumeric())
-        .filter(|word| !word.is_empty())
-        .collect();
-    words.join("_")
-}
-
-fn without_side(normalised: &str) -> String {
+/// A normalised name without the words left and right.
+pub(crate) fn without_side(normalised: &str) -> String {
     let words: Vec<&str> = normalised
         .split('_')
         .filter(|&word| word != "left" && word != "right")
@@ -128,6 +158,7 @@ fn by_class_name(normalised: &str) -> Option<&'static Tissue> {
     };
     totalsegmentator::classes()
         .iter()
+        .chain(totalsegmentator::body())
         .find(same)
         .and_then(totalsegmentator::Class::preset)
 }
@@ -143,15 +174,21 @@ fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
     presets::get(tissue)
 }
 
+/// The tissue that a name alone stands for, and by what.
+pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
+    let name = plain(name);
+    let tissue = |name: &str| presets::get(name).map(|tissue| (tissue, Origin::Name));
+    tissue(&name)
+        .or_else(|| by_class_name(&name).map(|found| (found, Origin::ClassName)))
+        .or_else(|| tissue(&without_side(&name)))
+        .or_else(|| by_keyword(&name).map(|found| (found, Origin::Word)))
+}
+
 fn by_name(name: &str, hint: Preset) -> Option<&'static Tissue> {
-    let name = normalised(name);
     match hint {
         Preset::None => None,
-        Preset::Phantom => presets::get(&name),
-        Preset::Auto | Preset::TotalSegmentator => presets::get(&name)
-            .or_else(|| by_class_name(&name))
-            .or_else(|| presets::get(&without_side(&name)))
-            .or_else(|| by_keyword(&name)),
+        Preset::Phantom => presets::get(&plain(name)),
+        _ => known(name).map(|(tissue, _)| tissue),
     }
 }
 
@@ -167,14 +204,10 @@ fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<u
     labels
         .iter()
         .map(|label| {
-            let name = label.name.as_deref().map(normalised);
+            let name = label.name.as_deref().map(plain);
             let mut claiming = overrides.iter().enumerate().filter(|(_, tissue)| {
                 tissue.labels.contains(&label.value)
-                    || name.is_some()
-                        && tissue
-                            .label_names
-                            .iter()
-                            .any(|claimed| Some(normalised(claimed)) == name)
+                    || name.is_some() && tissue.label_names.iter().any(|claimed| Some(plain(claimed)) == name)
             });
             let first = claiming.next();
             match (first, claiming.next()) {
@@ -193,9 +226,9 @@ impl TissueTable {
     /// Finds the tissue of each of `labels` (label index by label index; the first is the background).
     ///
     /// In this order: an override that claims the label by value or name; an override or preset of the same name; a
-    /// TotalSegmentator class of that name (case, spaces and side do not matter); a word such as "rib"; for labels
-    /// without names, TotalSegmentator's value, if every label without a name has one of its values; else soft tissue,
+    /// TotalSegmentator class of that name (case, spaces and side do not matter); a word such as "rib"; else soft tissue,
     /// with a warning. `hint` narrows this down. An override named as a preset changes that preset wherever it is used.
+    /// Labels without names get them before, from [`segmentation::open`](crate::segmentation::open).
     ///
     /// Returns the table and the warnings: what was assumed, and which key of the scene settles it.
     ///
@@ -226,13 +259,6 @@ impl TissueTable {
         let claims = claims(labels, overrides)?;
         let mut warnings = unmatched_claims(labels, overrides);
 
-        let nameless = || labels.iter().skip(1).filter(|label| label.name.is_none());
-        let by_value = match hint {
-            Preset::TotalSegmentator => true,
-            Preset::Auto => nameless().all(|label| totalsegmentator::by_value(label.value).is_some()),
-            Preset::Phantom | Preset::None => false,
-        };
-
         let mut table = Self {
             tissues: Vec::new(),
             of_label: Vec::with_capacity(labels.len()),
@@ -240,21 +266,12 @@ impl TissueTable {
         if labels.is_empty() {
             table.tissues.push(presets::all()[0].clone());
         }
-        let (mut unknown, mut valued) = (Vec::new(), 0);
+        let mut unknown = Vec::new();
         for (index, (label, claim)) in labels.iter().zip(&claims).enumerate() {
-            let same_name = |name: &String| {
-                custom
-                    .iter()
-                    .find(|tissue| normalised(&tissue.name) == normalised(name))
-            };
+            let same_name = |name: &String| custom.iter().find(|tissue| plain(&tissue.name) == plain(name));
             let preset = match &label.name {
                 _ if index == 0 => presets::all().first(),
                 Some(name) => by_name(name, hint),
-                None if by_value => {
-                    let found = totalsegmentator::by_value(label.value).and_then(totalsegmentator::Class::preset);
-                    valued += usize::from(found.is_some() && claim.is_none());
-                    found
-                }
                 None => None,
             };
             let tissue = match (claim, label.name.as_ref().and_then(same_name)) {
@@ -273,16 +290,11 @@ impl TissueTable {
             };
             table.push(tissue);
         }
-        if valued > 0 && hint == Preset::Auto {
-            warnings.push(format!(
-                "{valued} labels carry no names and were taken as TotalSegmentator classes by their values; to say \
-                 otherwise write [[tissue]] with name and labels = [VALUE, ...]"
-            ));
-        }
         if !unknown.is_empty() {
             warnings.push(format!(
-                "no tissue known for label {}; taken as soft_tissue; to choose, write [[tissue]] with name and \
-                 labels = [VALUE, ...]",
+                "no tissue known for label{} {}; taken as soft_tissue; to choose, name the labels with --names FILE or \
+                 volume.names, or write [[tissue]] with name and labels = [VALUE, ...]",
+                if unknown.len() == 1 { "" } else { "s" },
                 unknown.join(", ")
             ));
         }
@@ -306,7 +318,7 @@ fn unmatched_claims(labels: &[Label], overrides: &[TissueOverride]) -> Vec<Strin
     let names: Vec<String> = labels
         .iter()
         .filter_map(|label| label.name.as_deref())
-        .map(normalised)
+        .map(plain)
         .collect();
     for tissue in overrides {
         for value in &tissue.labels {
@@ -318,7 +330,7 @@ fn unmatched_claims(labels: &[Label], overrides: &[TissueOverride]) -> Vec<Strin
             }
         }
         for name in &tissue.label_names {
-            if !names.contains(&normalised(name)) {
+            if !names.contains(&plain(name)) {
                 warnings.push(format!(
                     "tissue \"{}\": label_names: the volume has no label \"{name}\"",
                     tissue.name

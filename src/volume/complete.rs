@@ -126,9 +126,14 @@ pub enum CompletionError {
 /// Whether a volume carries a body of its own: labels named skin, fat or body, or unnamed ones valued 200 to 204.
 pub fn has_body(volume: &LabelVolume) -> bool {
     volume.labels().iter().skip(1).any(|label| match &label.name {
-        Some(name) => BODY_NAMES.contains(&name.to_ascii_lowercase().replace([' ', '-'], "_").as_str()),
+        Some(name) => is_body(name),
         None => BODY_VALUES.contains(&label.value),
     })
+}
+
+/// True for a name that only volumes with an explicit body carry.
+pub(crate) fn is_body(name: &str) -> bool {
+    BODY_NAMES.contains(&name.to_ascii_lowercase().replace([' ', '-'], "_").as_str())
 }
 
 /// Fills the unlabelled voxels of a volume; see the module. The box of the volume stays as it is.

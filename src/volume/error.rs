@@ -16,6 +16,10 @@ pub enum At {
     Line(usize),
     /// A byte of the file, counted from 0.
     Byte(u64),
+    /// The voxels as a whole.
+    Voxels,
+    /// The files of a folder.
+    Folder,
 }
 
 impl fmt::Display for At {
@@ -24,6 +28,8 @@ impl fmt::Display for At {
             Self::Header => write!(f, "header"),
             Self::Line(line) => write!(f, "line {line}"),
             Self::Byte(byte) => write!(f, "byte {byte}"),
+            Self::Voxels => write!(f, "voxels"),
+            Self::Folder => write!(f, "folder"),
         }
     }
 }

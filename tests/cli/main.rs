@@ -18,6 +18,7 @@ mod meshes;
 mod quality;
 mod reports;
 mod seeds;
+mod segmentations;
 mod solve;
 mod stability;
 mod support;

@@ -8,12 +8,14 @@ use clap::Args;
 use insonify::mechanics::mesh::file::write_vtu;
 use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
 use insonify::phantom::{self, Phantom, PhantomOptions};
+use insonify::segmentation::{self, Segmentation};
 use insonify::text::column;
 use insonify::volume::complete::{CompleteOptions, complete};
-use insonify::volume::{Label, LabelVolume, load};
+use insonify::volume::{Label, LabelVolume};
 use serde::Serialize;
 
 use crate::cli::failure::Failure;
+use crate::cli::input::NamesArg;
 use crate::cli::{terminal, vtu};
 
 const EXAMPLES: &str = "\
@@ -38,13 +40,15 @@ const WRONG_PERCENT: f64 = 50.0;
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Make {
-    /// Label file: NIfTI, NRRD or MetaImage
+    /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
     #[arg(
         value_name = "VOLUME",
         required_unless_present = "phantom",
         conflicts_with = "phantom"
     )]
     volume: Option<PathBuf>,
+    #[command(flatten)]
+    names: NamesArg,
     /// A built-in phantom in place of a file
     #[arg(long, value_name = "NAME", value_enum)]
     phantom: Option<Phantom>,
@@ -103,8 +107,12 @@ struct Region {
 impl Make {
     pub fn run(&self) -> Result<(), Failure> {
         vtu::check(&self.output)?;
-        let (mut volume, mut warnings) = self.volume()?;
-        let mut notes = Vec::new();
+        let Segmentation {
+            mut volume,
+            mut notes,
+            mut warnings,
+            ..
+        } = self.segmentation()?;
         if self.phantom.is_some() {
             notes.push("the phantom is meshed as it is, outside left out".to_owned());
         } else if self.labels.is_empty() && !self.no_complete {
@@ -147,17 +155,11 @@ impl Make {
         }
     }
 
-    /// What is meshed, with what there is to say about it.
-    fn volume(&self) -> Result<(LabelVolume, Vec<String>), Failure> {
+    /// The volume to mesh.
+    fn segmentation(&self) -> Result<Segmentation, Failure> {
         match (self.phantom, &self.volume) {
-            (None, Some(file)) => {
-                let loaded = load(file)?;
-                Ok((loaded.volume, loaded.warnings))
-            }
-            (phantom, _) => {
-                let phantom = phantom.unwrap_or_default();
-                Ok((phantom::make(phantom, &PhantomOptions::default())?, Vec::new()))
-            }
+            (None, Some(file)) => Ok(segmentation::open(file, &self.names.naming()?)?),
+            (phantom, _) => Ok(phantom::make(phantom.unwrap_or_default(), &PhantomOptions::default())?.into()),
         }
     }
 

@@ -1,12 +1,14 @@
-//! What a label volume holds, for people and for scripts.
+//! The contents of a segmentation, for people and for scripts.
 
 use std::fmt;
 use std::path::Path;
 
 use serde::Serialize;
 
-use super::LabelVolume;
+use super::Segmentation;
 use crate::text::{self, column};
+use crate::tissue::{Origin, fallback, known, presets};
+use crate::volume::LabelVolume;
 
 /// Name of the background in listings.
 const BACKGROUND: &str = "unlabelled";
@@ -27,6 +29,8 @@ pub struct Info {
     pub origin_mm: [f64; 3],
     /// Labels by ascending value after the background.
     pub labels: Vec<LabelInfo>,
+    /// Where names come from.
+    pub notes: Vec<String>,
     /// What the reader had to assume or found odd.
     pub warnings: Vec<String>,
 }
@@ -36,21 +40,52 @@ pub struct Info {
 pub struct LabelInfo {
     /// Value in the file.
     pub value: i64,
-    /// Name in the file; `unlabelled` for value 0 without a name, empty for others without one.
+    /// Name; `unlabelled` for value 0 without a name, empty for others without one.
     pub name: String,
     /// Voxels that carry it, as stored.
     pub voxels: u64,
     /// Their volume, ml.
     pub millilitres: f64,
+    /// The tissue it is taken for where no scene says otherwise.
+    pub tissue: String,
+    /// The evidence for that: `name`, `class name`, `word`, a value of a numbering such as `BTCV value`, or `fallback`.
+    pub from: String,
+    /// True where the evidence is a whole name.
+    pub sure: bool,
 }
 
-/// Summarises a volume that was read from `file` with these warnings.
-pub fn describe(volume: &LabelVolume, file: &Path, warnings: &[String]) -> Info {
-    let voxel_ml = volume.voxel_mm3() / 1000.0;
-    let labels = volume
-        .labels()
-        .iter()
-        .map(|label| LabelInfo {
+impl Info {
+    /// A summary of a segmentation from `file`.
+    pub fn new(segmentation: &Segmentation, file: &Path) -> Self {
+        let volume = &segmentation.volume;
+        let labels = (0..volume.labels().len()).map(|index| LabelInfo::new(segmentation, index));
+        let origin = volume.index_to_world().fixed_view::<3, 1>(0, 3);
+        Self {
+            file: file.display().to_string(),
+            size: volume.size(),
+            spacing_mm: volume.spacing_mm(),
+            orientation: orientation(volume),
+            origin_mm: [origin[0], origin[1], origin[2]],
+            labels: labels.collect(),
+            notes: segmentation.notes.clone(),
+            warnings: segmentation.warnings.clone(),
+        }
+    }
+}
+
+impl LabelInfo {
+    fn new(segmentation: &Segmentation, index: usize) -> Self {
+        let volume = &segmentation.volume;
+        let label = &volume.labels()[index];
+        let named = label.name.as_deref().and_then(known);
+        let (tissue, origin) = match (&segmentation.by_value, named) {
+            _ if index == 0 => (&presets::all()[0], Origin::Name),
+            (Some((preset, values)), named) if values.contains(&label.value) => {
+                (named.map_or(fallback(), |(tissue, _)| tissue), Origin::Value(*preset))
+            }
+            (_, named) => named.unwrap_or((fallback(), Origin::Fallback)),
+        };
+        Self {
             value: label.value,
             name: match &label.name {
                 Some(name) => name.clone(),
@@ -58,18 +93,11 @@ pub fn describe(volume: &LabelVolume, file: &Path, warnings: &[String]) -> Info 
                 None => String::new(),
             },
             voxels: label.voxels,
-            millilitres: label.voxels as f64 * voxel_ml,
-        })
-        .collect();
-    let origin = volume.index_to_world().fixed_view::<3, 1>(0, 3);
-    Info {
-        file: file.display().to_string(),
-        size: volume.size(),
-        spacing_mm: volume.spacing_mm(),
-        orientation: orientation(volume),
-        origin_mm: [origin[0], origin[1], origin[2]],
-        labels,
-        warnings: warnings.to_vec(),
+            millilitres: label.voxels as f64 * volume.voxel_mm3() / 1000.0,
+            tissue: tissue.name.to_string(),
+            from: origin.to_string(),
+            sure: origin.is_sure(),
+        }
     }
 }
 
@@ -111,14 +139,34 @@ impl fmt::Display for Info {
         )?;
         writeln!(f, "origin       {ox:.3}, {oy:.3}, {oz:.3} mm (LPS)")?;
         writeln!(f)?;
+        let doubt = |label: &LabelInfo| if label.sure { "" } else { " ?" };
+        let tissues: Vec<String> = self
+            .labels
+            .iter()
+            .map(|label| format!("{}{}", label.tissue, doubt(label)))
+            .collect();
         let names = column("name", self.labels.iter().map(|label| label.name.as_str()));
-        writeln!(f, "{:>6}  {}  {:>10}  {:>12}", "value", names[0], "voxels", "ml")?;
-        for (label, name) in self.labels.iter().zip(&names[1..]) {
+        let tissues = column("tissue", tissues.iter().map(String::as_str));
+        let head = ["value", "voxels", "ml"];
+        writeln!(
+            f,
+            "{:>6}  {}  {:>10}  {:>12}  {}  from",
+            head[0], names[0], head[1], head[2], tissues[0]
+        )?;
+        for (at, label) in self.labels.iter().enumerate() {
             writeln!(
                 f,
-                "{:>6}  {name}  {:>10}  {:>12.2}",
-                label.value, label.voxels, label.millilitres
+                "{:>6}  {}  {:>10}  {:>12.2}  {}  {}",
+                label.value,
+                names[at + 1],
+                label.voxels,
+                label.millilitres,
+                tissues[at + 1],
+                label.from
             )?;
+        }
+        for note in &self.notes {
+            writeln!(f, "note: {}", text::clipped(note, text::MESSAGE))?;
         }
         for warning in &self.warnings {
             writeln!(f, "warning: {}", text::clipped(warning, text::MESSAGE))?;
@@ -131,8 +179,8 @@ impl fmt::Display for Info {
 mod tests {
     use nalgebra::Matrix4;
 
-    use super::super::Label;
     use super::*;
+    use crate::volume::Label;
 
     #[test]
     fn axes_are_named_by_what_they_run_towards() {
@@ -149,7 +197,9 @@ mod tests {
             voxels,
         };
         let volume = LabelVolume::new([2, 1, 1], vec![0, 1], vec![label(0, 1), label(9, 1)], world).unwrap();
-        let info = describe(&volume, Path::new("a.nrrd"), &["odd".to_owned()]);
+        let mut segmentation = Segmentation::from(volume.clone());
+        segmentation.warnings.push("odd".to_owned());
+        let info = Info::new(&segmentation, Path::new("a.nrrd"));
         assert_eq!(info.orientation, "PIR");
         assert_eq!(info.origin_mm, [10.0, 20.0, 30.0]);
         assert_eq!(

@@ -1,0 +1,185 @@
+//! Segmentations as people have them: a label file or a folder of masks, its labels named by the file, by a table, by file
+//! names or by values.
+
+mod folder;
+mod info;
+mod reading;
+mod table;
+
+use std::path::Path;
+
+use crate::tissue::{Preset, known};
+use crate::volume::{LabelVolume, Loaded, VolumeError, load};
+pub use info::{Info, LabelInfo};
+use reading::Sizes;
+pub use table::Names;
+
+/// Endings of the files that hold volumes, the longer of two that fit first.
+const ENDINGS: [&str; 9] = [
+    ".seg.nrrd",
+    ".nrrd",
+    ".nhdr",
+    ".nii.gz",
+    ".nii",
+    ".hdr",
+    ".img",
+    ".mha",
+    ".mhd",
+];
+
+/// How labels get their names.
+#[derive(Clone, Debug, Default)]
+pub struct Naming<'a> {
+    /// Names by value, which go before those of the file.
+    pub names: Option<Names>,
+    /// The numbering by which labels without names are read.
+    pub preset: Preset,
+    /// Values of labels that need no name.
+    pub claimed: &'a [i64],
+}
+
+/// A label volume whose labels have their names.
+#[derive(Clone, Debug)]
+pub struct Segmentation {
+    /// The volume.
+    pub volume: LabelVolume,
+    /// The numbering by which labels were named, and their values.
+    pub by_value: Option<(Preset, Vec<i64>)>,
+    /// Where names come from, one sentence each.
+    pub notes: Vec<String>,
+    /// Doubts, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl From<LabelVolume> for Segmentation {
+    fn from(volume: LabelVolume) -> Self {
+        Self {
+            volume,
+            by_value: None,
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+impl From<Loaded> for Segmentation {
+    fn from(loaded: Loaded) -> Self {
+        Self {
+            warnings: loaded.warnings,
+            ..loaded.volume.into()
+        }
+    }
+}
+
+/// The name of a volume's file without its folder and ending; none where the ending is not that of a volume.
+pub fn stem(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy().into_owned();
+    let lower = name.to_ascii_lowercase();
+    let ending = ENDINGS.iter().find(|ending| lower.ends_with(*ending))?;
+    Some(name[..name.len() - ending.len()].to_owned())
+}
+
+/// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by what
+/// the file says, by a table beside it (`liver.csv` for `liver.nii.gz`), by the name of a file that is a single mask, and by
+/// the values of a numbering.
+///
+/// # Errors
+/// [`VolumeError`] as [`load`], for folders without masks and for masks that are not binary or lie on other grids.
+pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
+    let is_folder = path.is_dir();
+    let mut segmentation = if is_folder {
+        folder::read(path)?
+    } else {
+        load(path)?.into()
+    };
+    match &naming.names {
+        Some(names) => segmentation.take_names(names),
+        None if segmentation.nameless(naming).next().is_some() => segmentation.take_names_beside(path),
+        None => {}
+    }
+    segmentation.name_mask(path, naming);
+    let sizes = Sizes::of(&segmentation.volume);
+    segmentation.read_values(naming, &sizes);
+    segmentation.warnings.extend(segmentation.doubts(&sizes));
+    Ok(segmentation)
+}
+
+impl Segmentation {
+    /// Indices of the labels without names that need one.
+    fn nameless<'a>(&'a self, naming: &'a Naming) -> impl Iterator<Item = usize> + 'a {
+        let labels = self.volume.labels().iter().enumerate().skip(1);
+        labels
+            .filter(|(_, label)| label.name.is_none() && !naming.claimed.contains(&label.value))
+            .map(|(index, _)| index)
+    }
+
+    fn take_names(&mut self, names: &Names) {
+        let mut without = Vec::new();
+        for index in 1..self.volume.labels().len() {
+            let label = &self.volume.labels()[index];
+            match names.of(label.value) {
+                Some(name) => self.volume.name(index, name.to_owned()),
+                None if label.name.is_none() => without.push(label.value),
+                None => {}
+            }
+        }
+        let file = names.path().display();
+        self.notes.push(format!("labels are named by {file}"));
+        if !without.is_empty() {
+            self.warnings
+                .push(format!("{file} names no label {}", listed(&without)));
+        }
+    }
+
+    /// Takes the names of the table of the same stem beside a label file; one that cannot be read is of something else.
+    fn take_names_beside(&mut self, path: &Path) {
+        let Some(table) = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv"))) else {
+            return;
+        };
+        if !table.is_file() {
+            return;
+        }
+        match Names::read(&table) {
+            Ok(names) => self.take_names(&names),
+            Err(error) => self.notes.push(format!("not used as label names: {error}")),
+        }
+    }
+
+    /// Names the only label of a mask after its file, where that tells a tissue.
+    fn name_mask(&mut self, path: &Path, naming: &Naming) {
+        let [_, only] = self.volume.labels() else {
+            return;
+        };
+        if only.name.is_some() {
+            return;
+        }
+        let Some(stem) = stem(path) else {
+            return;
+        };
+        if known(&stem).is_some() {
+            self.notes.push(format!("the only label is named by its file: {stem}"));
+            self.volume.name(1, stem);
+        } else if reading::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
+        {
+            self.warnings.push(format!(
+                "the only label, {}, has no name, and the file name \"{stem}\" tells no tissue: name the file after it, such \
+                 as kidney_right.nii.gz, or name it with --names FILE",
+                only.value
+            ));
+        }
+    }
+}
+
+/// Values for a sentence: all of a few, the first of many.
+fn listed(values: &[i64]) -> String {
+    const SHOWN: usize = 12;
+    let shown: Vec<String> = values.iter().take(SHOWN).map(i64::to_string).collect();
+    let more = values.len().saturating_sub(SHOWN);
+    match more {
+        0 => shown.join(", "),
+        _ => format!("{} and {more} more", shown.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,231 @@
+//! Labels named by their values, and labels that cannot be what their names say.
+
+use super::{Naming, Segmentation};
+use crate::document::plain;
+use crate::tissue::{Preset, without_side};
+use crate::volume::LabelVolume;
+
+/// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs
+/// with what is in them), by its name without a side.
+const ORGANS: &[(&str, f64, f64)] = &[
+    ("spleen", 9.5, 150.0),
+    ("kidney", 12.5, 155.0),
+    ("gallbladder", 3.3, 68.0),
+    ("liver", 130.0, 1800.0),
+    ("stomach", 47.0, 400.0),
+    ("pancreas", 6.0, 140.0),
+    ("adrenal_gland", 3.0, 7.0),
+    ("esophagus", 2.0, 40.0),
+    ("thyroid_gland", 1.3, 20.0),
+];
+
+/// Smallest share of a newborn's organ, and largest multiple of an adult's, that is not questioned: empty organs and large
+/// spleens are within them. Tissue weighs about 1 g/ml.
+const SPAN: [f64; 2] = [1.0 / 3.0, 6.0];
+
+/// Organs of credible volume from which on a reading by value is taken without doubt.
+const ENOUGH: usize = 3;
+
+/// True for the values that masks have, which tell nothing.
+pub(super) fn is_mask(value: i64) -> bool {
+    matches!(value, 1 | 255)
+}
+
+/// Where a label is and how much of it.
+struct Size {
+    ml: f64,
+    /// The edge of the scan cuts it, so that it may be small.
+    cut: bool,
+    /// Mean left coordinate, mm; not a number for a label without voxels.
+    left_mm: f64,
+}
+
+/// The size of each label.
+pub(super) struct Sizes(Vec<Size>);
+
+impl Sizes {
+    pub(super) fn of(volume: &LabelVolume) -> Self {
+        let means = left_mm(volume);
+        let places = cut_mm2(volume).into_iter().zip(means);
+        let sizes = volume.labels().iter().zip(places).map(|(label, (cut, left_mm))| {
+            let mm3 = label.voxels as f64 * volume.voxel_mm3();
+            Size {
+                ml: mm3 / 1000.0,
+                // A tube that leaves the scan is cut across less than a face of the cube of its volume, the rest of an organ
+                // across more.
+                cut: cut >= mm3.powf(2.0 / 3.0),
+                left_mm,
+            }
+        });
+        Self(sizes.collect())
+    }
+}
+
+/// Mean coordinate of each label towards the patient's left, mm.
+fn left_mm(volume: &LabelVolume) -> Vec<f64> {
+    let (mut sums, mut counts) = (vec![0.0; volume.labels().len()], vec![0.0; volume.labels().len()]);
+    let [nx, ny, _] = volume.size();
+    let to_left = volume.index_to_world().row(0).into_owned();
+    for (row, voxels) in volume.voxels().chunks(nx).enumerate() {
+        let start = to_left[1] * (row % ny) as f64 + to_left[2] * (row / ny) as f64 + to_left[3];
+        for (at, &voxel) in voxels.iter().enumerate() {
+            sums[usize::from(voxel)] += start + to_left[0] * at as f64;
+            counts[usize::from(voxel)] += 1.0;
+        }
+    }
+    sums.iter().zip(counts).map(|(sum, count)| sum / count).collect()
+}
+
+/// Area on which each label meets the edge of the scan, mm^2.
+fn cut_mm2(volume: &LabelVolume) -> Vec<f64> {
+    let (size, to_world) = (volume.size(), volume.index_to_world());
+    let step = |axis: usize| to_world.fixed_view::<3, 1>(0, axis).into_owned();
+    let mut areas = vec![0.0; volume.labels().len()];
+    for axis in 0..3 {
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        let face = step(u).cross(&step(v)).norm();
+        for end in [0, size[axis] - 1] {
+            for at in 0..size[u] * size[v] {
+                let mut index = [0; 3];
+                (index[axis], index[u], index[v]) = (end, at % size[u], at / size[u]);
+                areas[usize::from(volume.voxels()[volume.offset(index)])] += face;
+            }
+        }
+    }
+    areas
+}
+
+/// How well names fit the labels that have them.
+#[derive(Default)]
+struct Fit {
+    /// Labels of the volume of their organ.
+    sound: usize,
+    /// Labels that cannot be what their names say, in words.
+    odd: Vec<String>,
+    /// Sum of the squares of logarithmic distances from an adult's organs.
+    misfit: f64,
+}
+
+impl Segmentation {
+    fn fit(&self, names: &[(usize, String)], sizes: &Sizes) -> Fit {
+        let mut fit = Fit::default();
+        let value = |index: usize| self.volume.labels()[index].value;
+        for (index, name) in names {
+            let Size { ml, cut, left_mm } = sizes.0[*index];
+            let own = plain(name);
+            let mirrored = own.replace("right", "left");
+            let other = names
+                .iter()
+                .find(|(_, other)| mirrored != own && plain(other) == mirrored);
+            if let Some((other, of)) = other.filter(|(other, _)| left_mm > sizes.0[*other].left_mm) {
+                let [right, left] = [value(*index), value(*other)];
+                fit.odd
+                    .push(format!("label {right} ({name}) lies left of label {left} ({of})"));
+            }
+            let organ = without_side(&own);
+            let Some((_, newborn, adult)) = ORGANS.iter().find(|(known, ..)| *known == organ) else {
+                continue;
+            };
+            let [low, high] = [SPAN[0] * newborn, SPAN[1] * adult];
+            if ml == 0.0 || (cut && ml < *adult) {
+            } else if (low..=high).contains(&ml) {
+                fit.sound += 1;
+                fit.misfit += (ml / adult).ln().powi(2);
+            } else {
+                let value = value(*index);
+                fit.odd.push(format!(
+                    "label {value} ({name}) has {ml:.2} ml, expected {low:.1} to {high:.0} ml"
+                ));
+            }
+        }
+        fit
+    }
+
+    /// The names of labels by a numbering that knows them all.
+    fn organs(&self, preset: Preset, nameless: &[usize]) -> Option<Vec<(usize, String)>> {
+        let organ = |&index: &usize| Some((index, preset.organ(self.volume.labels()[index].value)?.to_owned()));
+        nameless.iter().map(organ).collect()
+    }
+
+    /// Names the labels without names by their values, in the numbering that fits them.
+    pub(super) fn read_values(&mut self, naming: &Naming, sizes: &Sizes) {
+        let nameless: Vec<usize> = self.nameless(naming).collect();
+        if naming.preset != Preset::Auto {
+            return self.read_as(naming.preset, &nameless);
+        }
+        let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
+        if nameless.is_empty() || only_mask {
+            return;
+        }
+        let fits = Preset::NUMBERINGS.map(|preset| {
+            let names = self.organs(preset, &nameless)?;
+            Some((preset, self.fit(&names, sizes), names))
+        });
+        let Some((usual, fit, names)) = &fits[0] else {
+            return;
+        };
+        let others = || fits[1..].iter().flatten().filter(|(_, fit, _)| fit.odd.is_empty());
+        let other = others().min_by(|a, b| a.1.misfit.total_cmp(&b.1.misfit));
+        let count = match nameless.len() {
+            1 => "1 label without a name is".to_owned(),
+            n => format!("{n} labels without names are"),
+        };
+        let by = format!("{count} read by the numbers of");
+        let title = usual.title();
+        let mut preset = *usual;
+        match other {
+            Some((other, better, _)) if !fit.odd.is_empty() && better.sound > ENOUGH => {
+                let odd = fit.odd.join(", ");
+                self.notes
+                    .push(format!("{by} {}: by those of {title}, {odd}", other.title()));
+                preset = *other;
+            }
+            _ if fit.odd.is_empty() && fit.sound >= ENOUGH && others().all(|(.., same)| same == names) => {
+                self.notes.push(format!("{by} {title}"));
+            }
+            _ => {
+                let shown = |(index, name): &(usize, String)| format!("{} {name}", self.volume.labels()[*index].value);
+                let some: Vec<String> = names.iter().take(4).map(shown).collect();
+                let more = if names.len() > some.len() { ", ..." } else { "" };
+                let fitting = match other {
+                    Some((other, ..)) if !fit.odd.is_empty() => format!("; those of {} would fit", other.title()),
+                    _ => String::new(),
+                };
+                self.warnings.push(format!(
+                    "{by} {title} ({}{more}) on weak evidence{fitting}: name the labels with --names FILE or volume.names, \
+                     choose another volume.preset, or write [[tissue]] with name and labels = [VALUE, ...]",
+                    some.join(", ")
+                ));
+            }
+        }
+        self.read_as(preset, &nameless);
+    }
+
+    fn read_as(&mut self, preset: Preset, nameless: &[usize]) {
+        let mut values = Vec::new();
+        for &index in nameless {
+            let value = self.volume.labels()[index].value;
+            if let Some(organ) = preset.organ(value) {
+                self.volume.name(index, organ.to_owned());
+                values.push(value);
+            }
+        }
+        if !values.is_empty() {
+            self.by_value = Some((preset, values));
+        }
+    }
+
+    /// A warning where labels cannot be what their names say.
+    pub(super) fn doubts(&self, sizes: &Sizes) -> Option<String> {
+        let labels = self.volume.labels().iter().enumerate().skip(1);
+        let names: Vec<(usize, String)> = labels
+            .filter_map(|(index, label)| Some((index, label.name.clone()?)))
+            .collect();
+        let odd = self.fit(&names, sizes).odd;
+        let remedy = match self.by_value {
+            Some(_) => "name the labels with --names FILE, or choose another volume.preset",
+            None => "check names, voxel spacing and orientation",
+        };
+        (!odd.is_empty()).then(|| format!("{}: {remedy}", odd.join(", ")))
+    }
+}

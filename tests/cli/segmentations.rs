@@ -1,0 +1,128 @@
+//! Segmentations as people have them: folders of masks, single masks, tables of names.
+
+use insonify::volume::{Label, LabelVolume, load, save};
+use serde_json::json;
+
+use crate::support::{Bench, grey};
+
+/// Saves each label of a volume as a mask named after it in a folder.
+fn split(volume: &LabelVolume, names: &[(i64, String)], bench: &Bench, folder: &str) {
+    std::fs::create_dir(bench.path(folder)).unwrap();
+    for (value, name) in names {
+        let Some(index) = volume.labels().iter().position(|label| label.value == *value) else {
+            continue;
+        };
+        let voxels = volume
+            .voxels()
+            .iter()
+            .map(|voxel| u8::from(usize::from(*voxel) == index))
+            .collect();
+        let label = |value, voxels| Label {
+            value,
+            name: None,
+            voxels,
+        };
+        let labels = vec![label(0, 0), label(1, volume.labels()[index].voxels)];
+        let mask = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world()).unwrap();
+        save(&mask, &bench.path(&format!("{folder}/{name}.nii.gz"))).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_of_masks_is_imaged_as_the_label_file_of_them_all() {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../shared/data/volumes/ts_example_seg_full.nii.gz"
+    );
+    let Ok(loaded) = load(path.as_ref()) else {
+        println!("SKIPPED: {path} is not there");
+        return;
+    };
+    let named = |label: &Label| Some((label.value, label.name.clone()?));
+    let names: Vec<_> = loaded.volume.labels().iter().skip(1).filter_map(named).collect();
+    let bench = Bench::new();
+    split(&loaded.volume, &names, &bench, "masks");
+    let render = |labels: &str, out: &str| {
+        let run = bench.run(&format!(
+            "render --labels {labels} --target kidney --size 120x90 --backend cpu --save-labels {out}.nrrd -o {out}.png"
+        ));
+        run.text();
+        assert!(run.stderr.contains("largest of kidney_"), "{run:?}");
+        (
+            grey(&bench.path(&format!("{out}.png"))),
+            load(&bench.path(&format!("{out}.nrrd"))).unwrap().volume,
+        )
+    };
+    let (one, one_labels) = render(path, "one");
+    let (many, many_labels) = render("masks", "many");
+    assert!(one == many, "frames differ");
+    assert_eq!(
+        (one_labels.voxels(), one_labels.labels()),
+        (many_labels.voxels(), many_labels.labels())
+    );
+    assert!(
+        one_labels
+            .labels()
+            .iter()
+            .any(|label| label.name.as_deref() == Some("skin"))
+    );
+
+    let kidney = bench.run("info masks/kidney_right.nii.gz --json").json();
+    let label = &kidney["labels"][1];
+    assert_eq!(
+        [&label["name"], &label["tissue"], &label["from"], &label["sure"]],
+        [
+            &json!("kidney_right"),
+            &json!("kidney_cortex"),
+            &json!("class name"),
+            &json!(true)
+        ]
+    );
+    bench
+        .run("render masks --backend cpu")
+        .fails(2, &["masks is a folder", "--labels masks"]);
+    bench
+        .run("render --labels masks --target kidni --backend cpu")
+        .fails(2, &["did you mean \"kidney", "insonify info"]);
+}
+
+#[test]
+fn names_come_from_a_table_and_are_shown() {
+    let bench = Bench::new();
+    bench.run("phantom two-layer -o named.nrrd --resolution-mm 4").text();
+    let named = load(&bench.path("named.nrrd")).unwrap().volume;
+    let nameless = named.labels().iter().map(|label| Label {
+        name: None,
+        ..label.clone()
+    });
+    let (size, voxels) = (named.size(), named.voxels().to_vec());
+    let volume = LabelVolume::new(size, voxels, nameless.collect(), *named.index_to_world()).unwrap();
+    save(&volume, &bench.path("a.nrrd")).unwrap();
+    bench.write("names.csv", "value,name\n1,liver\n2,a cyst\n3,thing\n");
+    let info = bench.run("info a.nrrd --names names.csv").text().to_owned();
+    for line in [
+        "liver     ",
+        "cyst ?",
+        "soft_tissue ?",
+        "fallback",
+        "note: labels are named by names.csv",
+    ] {
+        assert!(info.contains(line), "no {line:?} in {info}");
+    }
+    let scene = "version = 1\n[volume]\nfile = \"a.nrrd\"\nnames = \"names.csv\"\n";
+    bench.write("named.toml", scene);
+    let note = bench.run("plan named.toml --json");
+    assert!(!note.stderr.contains("read by the numbers"), "{note:?}");
+    bench.write("names.csv", "value,name\none,liver\n");
+    let words = ["names.csv, line 2", "\"one\""];
+    bench.run("info a.nrrd --names names.csv").fails(2, &words);
+    bench
+        .run("plan named.toml")
+        .fails(2, &["volume.names", "line 4", words[0], words[1]]);
+    bench
+        .run("plan scene.toml --names names.csv")
+        .fails(2, &["`names` with a phantom"]);
+    bench
+        .run("mesh make a.nrrd --nodes 100 --names names.csv -o a.vtu")
+        .fails(2, &words);
+}
