@@ -17,13 +17,14 @@ use insonify::quality::cache::Cache;
 use insonify::quality::{Costs, pick};
 use insonify::scenario::{self, ScenarioFile, SceneSource};
 use insonify::scene::{self, ImageSpec, SceneFile};
+use insonify::segmentation::{self, Naming};
 use insonify::statics::{self, ProblemFile};
 use insonify::synth::{Backend, FrameState, Synthesizer};
 use insonify::tracking::calibration::{PlusCalibration, transducer_to_probe};
 use insonify::tracking::sequence::Sequence;
 use insonify::tracking::trajectory::Trajectory;
 use insonify::volume::texture::{SolidTexture, TextureOptions};
-use insonify::volume::{describe, load, load_scalar, save};
+use insonify::volume::{load_scalar, save};
 use nalgebra::Matrix4;
 
 use crate::corpus;
@@ -217,9 +218,9 @@ fn beside<'a>(path: &'a Path, name: &str) -> (&'a Path, std::path::PathBuf) {
 
 /// `info`, `mesh make`, `render --labels`, and writing in every format.
 fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
-    let loaded = load(path)?;
-    let volume = &loaded.volume;
-    let _ = describe(volume, path, &loaded.warnings).to_string();
+    let opened = segmentation::open(path, &Naming::default())?;
+    let volume = &opened.volume;
+    let _ = segmentation::Info::new(&opened, path).to_string();
     if volume.voxels().len() > 10_000 {
         return Ok(());
     }
