@@ -19,6 +19,8 @@ pub use region::{NoRegion, RegionName};
 pub use source::Source;
 pub(crate) use suggest::nearest;
 
+use crate::read;
+
 /// Why a file does not even say what it should.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
@@ -55,15 +57,7 @@ impl Unreadable {
     /// Whether the machine failed rather than the file: it is there and cannot be read.
     pub fn is_machine(&self) -> bool {
         match self {
-            Self::Read { cause, .. } => !matches!(
-                cause.kind(),
-                io::ErrorKind::NotFound
-                    | io::ErrorKind::PermissionDenied
-                    | io::ErrorKind::IsADirectory
-                    | io::ErrorKind::NotADirectory
-                    | io::ErrorKind::InvalidInput
-                    | io::ErrorKind::InvalidFilename
-            ),
+            Self::Read { cause, .. } => read::is_machine(cause),
             _ => false,
         }
     }
@@ -71,8 +65,9 @@ impl Unreadable {
 
 /// The text of a file.
 pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>> {
+    let bytes = read::whole(path, read::TOML);
     let path = || path.to_owned();
-    let bytes = std::fs::read(path()).map_err(|cause| Fault::new(Unreadable::Read { path: path(), cause }))?;
+    let bytes = bytes.map_err(|cause| Fault::new(Unreadable::Read { path: path(), cause }))?;
     String::from_utf8(bytes).map_err(|error| {
         let byte = error.utf8_error().valid_up_to();
         Fault::new(Unreadable::NotText { path: path(), byte })

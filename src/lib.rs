@@ -47,6 +47,7 @@ pub mod phantom;
 pub mod plan;
 pub mod quality;
 pub mod random;
+mod read;
 pub mod real;
 pub mod remesh_gpu;
 pub mod scenario;

@@ -87,7 +87,7 @@ pub enum InvalidVolume {
         expected: usize,
     },
     /// More distinct labels than a byte can index.
-    #[error("{0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
+    #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
     TooManyLabels(usize),
     /// The index-to-world matrix has no inverse or holds a number that is not finite.
     #[error("the index-to-world transform is singular or not finite")]

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::mechanics::needle::beam::fit::{FitError, Sample};
+use crate::read;
 
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
@@ -44,14 +45,7 @@ pub enum PointsError {
 impl PointsError {
     /// Whether the machine failed rather than the input: the file is there and cannot be read.
     pub fn is_machine(&self) -> bool {
-        use io::ErrorKind::{InvalidInput, IsADirectory, NotADirectory, NotFound, PermissionDenied};
-        match self {
-            Self::Read { cause, .. } => !matches!(
-                cause.kind(),
-                NotFound | PermissionDenied | IsADirectory | NotADirectory | InvalidInput
-            ),
-            Self::Line { .. } | Self::Fit { .. } => false,
-        }
+        matches!(self, Self::Read { cause, .. } if read::is_machine(cause))
     }
 }
 
@@ -60,7 +54,7 @@ impl PointsError {
 /// # Errors
 /// [`PointsError`].
 pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
-    let bytes = std::fs::read(path).map_err(|cause| PointsError::Read {
+    let bytes = read::whole(path, read::CSV).map_err(|cause| PointsError::Read {
         path: path.to_owned(),
         cause,
     })?;

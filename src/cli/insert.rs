@@ -170,7 +170,7 @@ impl Insert {
             .find(|(known, _)| *known == name && !path.is_file());
         let mut file = match ready {
             Some((name, text)) => ScenarioFile::parse(text, name)?,
-            None if path.extension().is_none() && !path.is_file() => {
+            None if path.extension().is_none() && !path.exists() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let found = format!("{name}: neither a file nor a scenario that comes with the program");
                 return Err(Failure::usage(

@@ -107,6 +107,7 @@ impl ScenarioError {
             Wrong::MeshFile(error) => error.is_machine(),
             Wrong::Generate(error) => error.is_machine(),
             Wrong::Setup(error) => error.is_machine(),
+            Wrong::Stiffened(error) => error.is_machine(),
             _ => false,
         }
     }

@@ -137,6 +137,8 @@ impl Problem {
             Self::Phantom(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::MeshFile(error) => error.is_machine(),
+            Self::Trajectory(error) => error.is_machine(),
+            Self::Calibration(error) => error.is_machine(),
             _ => false,
         }
     }

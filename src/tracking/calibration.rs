@@ -7,11 +7,13 @@
 //! marker's frame ([`transducer_to_probe`]). PLUS writes that pixel as `TransducerCenterPixel`, or as an
 //! `ImageToTransducerOriginPixel` transform.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::matrix::{self, NotRigid, Rows};
+use crate::read;
 
 /// Largest angle that image axes may be off square by, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
@@ -29,7 +31,7 @@ pub enum CalibrationError {
         /// The file.
         path: PathBuf,
         /// What the system says.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// The file is not XML.
     #[error("`{}`, line {line}, column {column}: {found}", path.display())]
@@ -78,6 +80,13 @@ pub enum CalibrationError {
     /// The resulting transform is not rigid.
     #[error("image-to-probe calibration: {0}")]
     NotRigid(#[from] NotRigid),
+}
+
+impl CalibrationError {
+    /// Whether the machine failed rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Read { source, .. } if read::is_machine(source))
+    }
 }
 
 /// The transducer in the frame of the marker on the probe, mm, from an image-to-probe calibration (MF orientation, pixels to
@@ -137,10 +146,13 @@ impl PlusCalibration {
     /// Reads the `Transform` elements under `CoordinateDefinitions`, and the first `TransducerCenterPixel`, of a PLUS
     /// configuration file (XML).
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let text = std::fs::read_to_string(path).map_err(|source| CalibrationError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
+        let text = read::whole(path, read::XML)
+            .and_then(utf8)
+            .map_err(|source| CalibrationError::Read {
+                path: path.to_owned(),
+                source,
+            })?;
         Self::parse(&text, path)
     }
 

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::matrix::{NotRigid, Rows};
 use super::pose::{InvalidPose, Pose, PoseSpec};
+use crate::read;
 
 /// How positions run between keyframes. Rotations always turn the shortest way at constant speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -106,6 +107,13 @@ pub enum TrajectoryError {
         /// Why the first was skipped.
         first: SkipReason,
     },
+}
+
+impl TrajectoryError {
+    /// Whether the machine failed rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Csv(CsvError::Read { source, .. }) if read::is_machine(source))
+    }
 }
 
 /// Largest time, s.

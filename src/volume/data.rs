@@ -6,49 +6,106 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use bzip2::bufread::BzDecoder;
 use flate2::bufread::{GzDecoder, ZlibDecoder};
 
-use super::element::{ByteOrder, Element};
+use super::element::Element;
 use super::error::{At, VolumeError, quoted};
 use super::header::{Encoding, Header, Skip};
-use crate::memory;
+use crate::memory::TooLarge;
+use crate::read;
 
 /// Bytes unpacked past the last that is needed, in search of the checksum at the end.
 pub(crate) const MAX_EXCESS: u64 = 64 << 20;
 
+/// Most bytes that are skipped where each must be looked at: lines, and bytes of packed data.
+const MAX_SKIP: u64 = 256 << 20;
+
+/// Longest word of text data, bytes: a double takes some 300 without an exponent.
+const MAX_WORD: u64 = 1024;
+
 /// Bytes unpacked at a time.
 const CHUNK: usize = 64 << 10;
 
-/// Reads the numbers of an image: exactly the bytes that its sizes and element type need. Text is stored in
-/// little-endian order, which the header then says.
+/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of whole groups;
+/// numbers lie in them in the order of [`Header::data_order`].
+pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
+    let (_, expected) = header.extent()?;
+    let (reader, begin, stored) = open(header, expected)?;
+    let most = match header.data.encoding {
+        Encoding::Raw | Encoding::Text => expected,
+        // Most that a byte unpacks to: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
+        Encoding::Gzip | Encoding::Zlib => expected.min(stored.saturating_mul(1032) as usize),
+        Encoding::Bzip2 => expected.min(stored.saturating_mul(1 << 21) as usize),
+    };
+    let what = format!("an image of {}", header.sizes());
+    let fail = |cause: TooLarge| header.unreadable(cause.into());
+    let values = read::room(most / group, &what).map_err(fail)?;
+    let part = read::room(group.min(most), &what).map_err(fail)?;
+    let mut sink = Sink {
+        skip: 0,
+        wanted: expected,
+        excess: 0,
+        part,
+        group,
+        chunk: vec![0; CHUNK],
+        values,
+        push,
+    };
+    match header.data.encoding {
+        Encoding::Raw => raw(header, reader, begin, stored, &mut sink)?,
+        Encoding::Text => text(header, reader, begin, stored, &mut sink)?,
+        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, reader, begin, expected, &mut sink)?,
+    }
+    Ok(sink.values)
+}
+
+/// Reads the bytes of an image: exactly those that its sizes and element type need.
 pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
-    let (count, expected) = header.extent()?;
-    let place = header.data.clone();
-    let fail = |cause| VolumeError::read(&place.path, cause);
-    let file = File::open(&place.path).map_err(fail)?;
+    read_into(header, 1, &mut |bytes, all| {
+        all.extend_from_slice(bytes);
+        Ok(())
+    })
+}
+
+/// Appends the values of a slice of bytes.
+pub(crate) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
+
+/// The file past the lines to skip, the byte it is at and how many follow; an error where those cannot hold `expected` bytes.
+fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64), VolumeError> {
+    let fail = |cause| header.unreadable(cause);
+    let place = &header.data;
+    let file = read::open(&place.path).map_err(fail)?;
     let end = file.metadata().map_err(fail)?.len();
     let mut reader = BufReader::new(file);
     reader.seek(SeekFrom::Start(place.start)).map_err(fail)?;
+    let mut skipped = 0;
     for _ in 0..place.skip_lines {
-        // A line longer than the file cannot be; what is left over is found short below.
-        if reader.skip_until(b'\n').map_err(fail)? == 0 {
+        let left = MAX_SKIP - skipped;
+        let line = (&mut reader).take(left).skip_until(b'\n').map_err(fail)? as u64;
+        skipped += line;
+        if line == left {
+            let found = format!("more than {MAX_SKIP} bytes in the {} lines to skip", place.skip_lines);
+            return Err(VolumeError::malformed(
+                &place.path,
+                At::Byte(place.start),
+                found,
+                "fewer",
+            ));
+        }
+        // What is left over is found short below.
+        if line == 0 {
             break;
         }
     }
-    let begin = reader.stream_position().map_err(fail)?;
+    let begin = place.start + skipped;
     let stored = end.saturating_sub(begin);
-    // Data that are not all there are reported as such. Of each number at least a byte is made.
-    let readable = match place.encoding {
-        Encoding::Raw | Encoding::Text => stored.min(expected as u64),
-        _ => expected as u64,
+    // Of numbers in text every one but the last takes at least a digit and a blank.
+    let least = match place.encoding {
+        Encoding::Raw => expected as u64,
+        Encoding::Text => 2 * (expected / header.element()?.bytes()) as u64 - 1,
+        _ => 0,
     };
-    memory::check(
-        readable.saturating_add(count as u64),
-        &format!("an image of {}", header.sizes()),
-    )
-    .map_err(|error| fail(error.into()))?;
-    match place.encoding {
-        Encoding::Raw => raw(header, &mut reader, begin, stored, expected),
-        Encoding::Text => text(header, &mut reader, begin, stored),
-        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, &mut reader, begin, expected),
+    match stored < least {
+        true => Err(short(header, end, stored, least)),
+        false => Ok((reader, begin, stored)),
     }
 }
 
@@ -62,14 +119,14 @@ fn short(header: &Header, at: u64, found: u64, expected: u64) -> VolumeError {
     )
 }
 
-fn raw(
+fn raw<V>(
     header: &Header,
-    reader: &mut BufReader<File>,
+    mut reader: BufReader<File>,
     begin: u64,
     stored: u64,
-    expected: usize,
-) -> Result<Vec<u8>, VolumeError> {
-    let wanted = expected as u64;
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
+    let wanted = sink.wanted as u64;
     let skip = match header.data.skip {
         Skip::Bytes(bytes) => bytes,
         Skip::AllButTheImage => stored.saturating_sub(wanted),
@@ -78,122 +135,150 @@ fn raw(
     if available < wanted {
         return Err(short(header, begin + stored, available, wanted));
     }
-    let mut bytes = vec![0; expected];
-    reader
-        .seek(SeekFrom::Start(begin + skip))
-        .and_then(|_| reader.read_exact(&mut bytes))
-        .map_err(|cause| VolumeError::read(&header.data.path, cause))?;
-    Ok(bytes)
+    let fail = |cause| header.unreadable(cause);
+    reader.seek(SeekFrom::Start(begin + skip)).map_err(fail)?;
+    sink.drain(reader.take(wanted))?.map_err(fail)?;
+    match sink.wanted {
+        0 => Ok(()),
+        // The file has shrunk since its length was asked for.
+        left => Err(short(
+            header,
+            begin + skip + wanted - left as u64,
+            wanted - left as u64,
+            wanted,
+        )),
+    }
 }
 
-fn text(header: &mut Header, reader: &mut BufReader<File>, begin: u64, stored: u64) -> Result<Vec<u8>, VolumeError> {
-    let (count, expected) = header.extent()?;
+fn text<V>(
+    header: &Header,
+    mut reader: BufReader<File>,
+    begin: u64,
+    stored: u64,
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
     let element = header.element()?;
-    // Every number but the last takes at least a digit and a blank.
-    if stored < 2 * count as u64 - 1 {
-        return Err(short(header, begin + stored, stored, 2 * count as u64 - 1));
-    }
     let Skip::Bytes(skip) = header.data.skip else {
         return Err(header.unsupported("a byte skip of -1 in text data", "it goes with raw data"));
     };
-    let fail = |cause| VolumeError::read(&header.data.path, cause);
-    reader.seek_relative(skip.min(stored) as i64).map_err(fail)?;
-    let mut bytes = Vec::with_capacity(expected);
-    let mut read = 0;
-    let mut line = Vec::new();
-    let mut at = begin + skip;
-    while read < count {
-        line.clear();
-        let taken = reader.read_until(b'\n', &mut line).map_err(fail)?;
-        if taken == 0 {
-            return Err(short(header, at, bytes.len() as u64, expected as u64));
-        }
-        let words = String::from_utf8_lossy(&line);
-        for word in words
-            .split(|c: char| c.is_whitespace() || c == ',')
-            .filter(|word| !word.is_empty())
-        {
-            if read == count {
+    let fail = |cause| header.unreadable(cause);
+    let expected = sink.wanted;
+    let mut at = begin + skip.min(stored);
+    reader.seek(SeekFrom::Start(at)).map_err(fail)?;
+    let (mut word, mut number) = (Vec::new(), Vec::new());
+    let parts = |byte: u8| byte.is_ascii_whitespace() || byte == b',';
+    while sink.wanted > 0 {
+        word.clear();
+        let start = at;
+        for byte in (&mut reader).take(MAX_WORD).bytes() {
+            let byte = byte.map_err(fail)?;
+            at += 1;
+            if parts(byte) {
                 break;
             }
-            element.push_text(word, &mut bytes).ok_or_else(|| {
-                VolumeError::malformed(
-                    &header.data.path,
-                    At::Byte(at),
-                    quoted(word),
-                    format!("a number of type {}", element.name()),
-                )
-            })?;
-            read += 1;
+            word.push(byte);
         }
-        at += taken as u64;
+        if at == start {
+            let read = (expected - sink.wanted) as u64;
+            return Err(short(header, at, read, expected as u64));
+        }
+        if word.is_empty() {
+            continue;
+        }
+        number.clear();
+        let text = String::from_utf8_lossy(&word);
+        let parsed = element.push_text(&text, &mut number);
+        parsed.filter(|()| word.len() < MAX_WORD as usize).ok_or_else(|| {
+            let expected = format!("a number of type {}", element.name());
+            VolumeError::malformed(&header.data.path, At::Byte(start), quoted(&text), expected)
+        })?;
+        sink.take(&number)?;
     }
-    header.order = ByteOrder::Little;
-    Ok(bytes)
+    Ok(())
 }
 
-/// Takes unpacked bytes: drops the first `skip`, keeps `wanted` and counts those that come after.
-struct Sink {
+/// Takes unpacked bytes: drops the first `skip`, hands on those that are wanted and counts those that come after.
+struct Sink<'a, V> {
     skip: u64,
     wanted: usize,
-    kept: Vec<u8>,
     excess: u64,
+    /// Bytes of a group that is not whole yet.
+    part: Vec<u8>,
+    group: usize,
+    /// Bytes read at a time.
+    chunk: Vec<u8>,
+    values: Vec<V>,
+    push: Push<'a, V>,
 }
 
-impl Sink {
-    fn take(&mut self, bytes: &[u8]) {
+impl<V> Sink<'_, V> {
+    fn take(&mut self, bytes: &[u8]) -> Result<(), VolumeError> {
         let dropped = self.skip.min(bytes.len() as u64) as usize;
         self.skip -= dropped as u64;
         let rest = &bytes[dropped..];
-        let room = self.wanted - self.kept.len();
-        self.kept.extend_from_slice(&rest[..rest.len().min(room)]);
-        self.excess += rest.len().saturating_sub(room) as u64;
+        let (mut rest, excess) = rest.split_at(rest.len().min(self.wanted));
+        self.excess += excess.len() as u64;
+        self.wanted -= rest.len();
+        if !self.part.is_empty() {
+            let (end, after) = rest.split_at(rest.len().min(self.group - self.part.len()));
+            self.part.extend_from_slice(end);
+            rest = after;
+            if self.part.len() < self.group {
+                return Ok(());
+            }
+            (self.push)(&self.part, &mut self.values)?;
+            self.part.clear();
+        }
+        let (whole, part) = rest.split_at(rest.len() - rest.len() % self.group);
+        self.part.extend_from_slice(part);
+        (self.push)(whole, &mut self.values)
     }
 
-    /// Drains a decoder to its end, where it checks its sum, unless that is too far away.
-    fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
-        let mut chunk = vec![0; CHUNK];
-        while self.excess <= MAX_EXCESS {
+    /// Drains a decoder to its end, where it checks its sum, unless that is too far away. The inner error is the decoder's.
+    fn drain(&mut self, mut decoder: impl Read) -> Result<io::Result<()>, VolumeError> {
+        let mut chunk = std::mem::take(&mut self.chunk);
+        let drained = loop {
             match decoder.read(&mut chunk) {
-                Ok(0) => break,
-                Ok(read) => self.take(&chunk[..read]),
+                Ok(read) if read > 0 && self.excess <= MAX_EXCESS => self.take(&chunk[..read])?,
+                Ok(_) => break Ok(()),
                 Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
-                Err(cause) => return Err(cause),
+                Err(cause) => break Err(cause),
             }
-        }
-        Ok(())
+        };
+        self.chunk = chunk;
+        Ok(drained)
     }
 }
 
-fn unpack(
+fn unpack<V>(
     header: &mut Header,
-    reader: &mut BufReader<File>,
+    mut reader: BufReader<File>,
     begin: u64,
     expected: usize,
-) -> Result<Vec<u8>, VolumeError> {
-    let Skip::Bytes(skip) = header.data.skip else {
-        return Err(header.unsupported("a byte skip of -1 in compressed data", "it goes with raw data"));
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
+    sink.skip = match header.data.skip {
+        Skip::Bytes(skip) if skip <= MAX_SKIP => skip,
+        Skip::Bytes(skip) => {
+            let found = format!("a skip of {skip} bytes in compressed data");
+            return Err(header.unsupported(found, format!("at most {MAX_SKIP} are skipped")));
+        }
+        Skip::AllButTheImage => {
+            return Err(header.unsupported("a byte skip of -1 in compressed data", "it goes with raw data"));
+        }
     };
     let encoding = header.data.encoding;
-    let mut sink = Sink {
-        skip,
-        wanted: expected,
-        kept: Vec::with_capacity(expected),
-        excess: 0,
-    };
     loop {
         let drained = match encoding {
-            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut *reader)),
-            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut *reader)),
-            _ => sink.drain(GzDecoder::new(&mut *reader)),
+            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut reader))?,
+            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader))?,
+            _ => sink.drain(GzDecoder::new(&mut reader))?,
         };
         let at = reader.stream_position().unwrap_or(begin);
         if let Err(cause) = drained {
-            return Err(broken(header, at, sink.kept.len(), expected, &cause));
+            return Err(broken(header, at, expected - sink.wanted, expected, &cause));
         }
-        let more = reader
-            .fill_buf()
-            .map_err(|cause| VolumeError::read(&header.data.path, cause))?;
+        let more = reader.fill_buf().map_err(|cause| header.unreadable(cause))?;
         let another_member = match encoding {
             Encoding::Bzip2 => more.starts_with(b"BZh"),
             Encoding::Zlib => false,
@@ -203,30 +288,28 @@ fn unpack(
             break;
         }
     }
-    if sink.kept.len() < expected {
+    if sink.wanted > 0 {
         let at = reader.stream_position().unwrap_or(begin);
-        return Err(short(header, at, sink.kept.len() as u64, expected as u64));
+        return Err(short(header, at, (expected - sink.wanted) as u64, expected as u64));
     }
     if sink.excess > 0 {
         let warning =
             format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
         header.warnings.push(warning);
     }
-    Ok(sink.kept)
+    Ok(())
 }
 
 fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
-    let path = &header.data.path;
-    if says_broken(cause) {
-        VolumeError::malformed(
-            path,
-            At::Byte(at),
-            format!("broken compressed data ({cause}) after {unpacked} bytes unpacked"),
-            format!("{expected} bytes unpacked"),
-        )
-    } else {
-        VolumeError::read(path, io::Error::new(cause.kind(), cause.to_string()))
+    if !says_broken(cause) {
+        return header.unreadable(io::Error::new(cause.kind(), cause.to_string()));
     }
+    let wanted = match unpacked == expected {
+        true => "an intact end of the compressed data".to_owned(),
+        false => format!("{expected} bytes unpacked"),
+    };
+    let found = format!("broken compressed data ({cause}) after {unpacked} bytes unpacked");
+    VolumeError::malformed(&header.data.path, At::Byte(at), found, wanted)
 }
 
 /// Whether an error of a decoder blames the data rather than the system.

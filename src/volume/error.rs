@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::InvalidVolume;
 use crate::output::atomic::WriteError;
+use crate::read;
 
 /// Where in a file something is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +46,18 @@ pub enum VolumeError {
         /// What the system said.
         cause: io::Error,
     },
+    /// The system could not read the file of the data, which the header names.
+    #[error("{}, {at}: the data file {} cannot be read: {cause}", path.display(), data.display())]
+    Data {
+        /// The file of the header.
+        path: PathBuf,
+        /// Where in it.
+        at: At,
+        /// The file of the data.
+        data: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
     /// The file says something it cannot say.
     #[error("{}, {at}: found {found}, expected {expected}", path.display())]
     Malformed {
@@ -71,7 +84,7 @@ pub enum VolumeError {
     },
     /// A label volume holds a number that is no label.
     #[error(
-        "{}: voxel ({}, {}, {}) is {value}, expected a whole number: this is no label volume",
+        "{}: voxel ({}, {}, {}) is {value:?}, expected a whole number: this is no label volume (label values lie within 2^63 of 0)",
         path.display(), voxel[0], voxel[1], voxel[2]
     )]
     Fractional {
@@ -99,19 +112,9 @@ impl VolumeError {
     /// Whether the machine failed, rather than the input: writing, and reading other than a file that is missing,
     /// forbidden or not a file at all.
     pub fn is_machine(&self) -> bool {
-        use io::ErrorKind as Kind;
         match self {
             Self::Write(_) => true,
-            Self::Read { cause, .. } => !matches!(
-                cause.kind(),
-                Kind::NotFound
-                    | Kind::PermissionDenied
-                    | Kind::IsADirectory
-                    | Kind::NotADirectory
-                    | Kind::InvalidInput
-                    | Kind::InvalidFilename
-                    | Kind::UnexpectedEof
-            ),
+            Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
             _ => false,
         }
     }

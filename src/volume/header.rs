@@ -1,12 +1,14 @@
 //! What every image format says before its data: one shape for NIfTI, NRRD and MetaImage.
 
 use std::collections::BTreeMap;
+use std::io;
 use std::path::PathBuf;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError};
+use crate::tracking::matrix::FARTHEST_MM;
 
 /// Largest image read, bytes of decoded data. A header that asks for more is taken for broken.
 pub(crate) const MAX_DATA_BYTES: u64 = 16 << 30;
@@ -54,6 +56,8 @@ pub(crate) enum Skip {
 pub(crate) struct DataPlace {
     /// The file that holds them.
     pub(crate) path: PathBuf,
+    /// Where the header names that file, if it is another.
+    pub(crate) named: Option<At>,
     /// Byte of that file at which they, or the lines to skip, begin.
     pub(crate) start: u64,
     /// Lines to skip before unpacking.
@@ -106,6 +110,27 @@ impl Header {
 
     pub(crate) fn unsupported(&self, found: impl Into<String>, expected: impl Into<String>) -> VolumeError {
         VolumeError::unsupported(&self.path, At::Header, found, expected)
+    }
+
+    /// An error about the file of the data.
+    pub(crate) fn unreadable(&self, cause: io::Error) -> VolumeError {
+        match self.data.named {
+            None => VolumeError::read(&self.path, cause),
+            Some(at) => VolumeError::Data {
+                path: self.path.clone(),
+                at,
+                data: self.data.path.clone(),
+                cause,
+            },
+        }
+    }
+
+    /// Byte order of the numbers once they are unpacked; those in text become little-endian.
+    pub(crate) fn data_order(&self) -> ByteOrder {
+        match self.data.encoding {
+            Encoding::Text => ByteOrder::Little,
+            _ => self.order,
+        }
     }
 
     /// Type of the numbers.
@@ -203,6 +228,14 @@ impl Header {
         }
         let mut index_to_world = linear.to_homogeneous();
         index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.origin);
+        let last = Vector3::from(size.map(|n| n as f64 - 1.0));
+        let farthest = self.origin.abs() + linear.abs() * last;
+        if farthest.max() > FARTHEST_MM {
+            return Err(self.malformed(
+                format!("voxels up to {:e} mm from the origin of the world", farthest.max()),
+                format!("at most {FARTHEST_MM:e} mm along each axis"),
+            ));
+        }
         let off_square = |a: usize, b: usize| units[a].dot(&units[b]).clamp(-1.0, 1.0).asin().to_degrees().abs();
         let worst = off_square(0, 1).max(off_square(1, 2)).max(off_square(0, 2));
         Ok(Grid {
@@ -227,6 +260,7 @@ pub(crate) mod tests {
             scale: None,
             data: DataPlace {
                 path: PathBuf::from("test"),
+                named: None,
                 start: 0,
                 skip_lines: 0,
                 skip: Skip::Bytes(0),
@@ -305,5 +339,24 @@ pub(crate) mod tests {
         assert_eq!(with(axis(2, 0.0, 0.0, 3.0)).unwrap().shear_deg, None);
         let sheared = with(axis(2, 0.0, 1.0, 1.0)).unwrap().shear_deg.unwrap();
         assert!((sheared - 45.0).abs() < 1e-9, "{sheared}");
+    }
+
+    #[test]
+    fn far_voxels_are_refused() {
+        let mut far = header(vec![
+            axis(16, 5.0, 0.0, 0.0),
+            axis(2, 0.0, 1.0, 0.0),
+            axis(2, 0.0, 0.0, 1.0),
+        ]);
+        for (x, refused) in [(-1e6, true), (1e6 - 75.0, false), (1e6 - 74.0, true), (1e20, true)] {
+            far.origin.x = x;
+            let found = far.grid();
+            assert_eq!(found.is_err(), refused, "{x}: {found:?}");
+        }
+        let message = far.grid().unwrap_err().to_string();
+        assert!(
+            message.contains("voxels up to 1e20 mm") && message.contains("at most 1e6 mm"),
+            "{message}"
+        );
     }
 }

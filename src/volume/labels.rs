@@ -1,7 +1,9 @@
 //! From the numbers of an image to a compact label volume.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
 
+use super::data::{self, Push};
 use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
 use super::error::VolumeError;
 use super::header::Header;
@@ -44,94 +46,117 @@ impl Index {
     }
 }
 
-/// The voxels by number of their stored label.
-struct Indexed {
+/// Most distinct labels that are counted.
+const MOST_COUNTED: usize = 1 << 16;
+
+/// The stored labels of voxels, and how numbers become them.
+struct Stacks {
     index: Index,
-    voxels: Vec<u8>,
+    layers: usize,
+    order: ByteOrder,
+    scale: Option<Scale>,
     /// Voxels that more than one layer claims.
     overlaps: u64,
 }
 
-/// A number that is no label: its place in the data and its value.
-struct Fraction {
-    at: usize,
-    value: f64,
+/// Why numbers make no labels.
+enum Unfit {
+    /// A number that is no label, in the voxel that would come next.
+    Fraction(f64),
+    /// More labels than are counted.
+    TooMany,
 }
 
-fn index<T: Sample>(bytes: &[u8], order: ByteOrder, scale: Option<Scale>, layers: usize) -> Result<Indexed, Fraction> {
-    let mut index = Index::new();
-    let mut voxels = Vec::with_capacity(bytes.len() / T::BYTES / layers);
-    let mut overlaps = 0;
-    for (voxel, stack) in bytes.chunks_exact(T::BYTES * layers).enumerate() {
-        let mut top = 0;
-        let mut claims = 0;
-        for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
-            let sample = T::decode(number, order);
-            let label = match scale {
-                None => sample.as_label(),
-                Some(scale) => label_of(scale.apply(sample.as_f64())),
-            };
-            let Some(value) = label else {
-                return Err(Fraction {
-                    at: voxel * layers + layer,
-                    value: scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64())),
-                });
-            };
-            if value != 0 {
-                top = index.number((layer, value));
-                index.counts[top] += 1;
-                claims += 1;
+impl Stacks {
+    /// Appends the number of the stored label of each voxel.
+    fn push<T: Sample>(&mut self, bytes: &[u8], voxels: &mut Vec<u8>) -> Result<(), Unfit> {
+        for stack in bytes.chunks_exact(T::BYTES * self.layers) {
+            let mut top = 0;
+            let mut claims = 0;
+            for (layer, number) in stack.chunks_exact(T::BYTES).enumerate() {
+                let sample = T::decode(number, self.order);
+                let label = match self.scale {
+                    None => sample.as_label(),
+                    Some(scale) => label_of(scale.apply(sample.as_f64())),
+                };
+                let Some(value) = label else {
+                    let value = self.scale.map_or(sample.as_f64(), |scale| scale.apply(sample.as_f64()));
+                    return Err(Unfit::Fraction(value));
+                };
+                if value != 0 {
+                    top = self.index.number((layer, value));
+                    self.index.counts[top] += 1;
+                    claims += 1;
+                }
             }
+            self.index.counts[0] += u64::from(claims == 0);
+            self.overlaps += u64::from(claims > 1);
+            // Past 256 the volume is refused below; the count of labels is all that still matters.
+            voxels.push(top as u8);
         }
-        index.counts[0] += u64::from(claims == 0);
-        overlaps += u64::from(claims > 1);
-        // Past 256 the volume is refused below; the count of labels is all that still matters.
-        voxels.push(top as u8);
+        match self.index.stored.len() > MOST_COUNTED {
+            true => Err(Unfit::TooMany),
+            false => Ok(()),
+        }
     }
-    Ok(Indexed {
-        index,
-        voxels,
-        overlaps,
-    })
 }
 
-/// Makes the label volume of an image. Where the first axis holds the layers of a segmentation, they are flattened: a
-/// higher layer wins.
-pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeError> {
-    let mut warnings = std::mem::take(&mut header.warnings);
+/// Reads the label volume of an image. Where the first axis holds the layers of a segmentation, they are flattened: a higher
+/// layer wins.
+pub(crate) fn volume(header: Header) -> Result<Loaded, VolumeError> {
+    volume_from(header, |header, group, push| data::read_into(header, group, push))
+}
+
+fn volume_from(
+    mut header: Header,
+    read: impl FnOnce(&mut Header, usize, Push<u8>) -> Result<Vec<u8>, VolumeError>,
+) -> Result<Loaded, VolumeError> {
     let named = segments::from_keys(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
-    let layers = if layered { header.axes.remove(0).size } else { 1 };
+    let stacked = layered.then(|| header.axes.remove(0));
     let grid = header.grid()?;
+    header.axes.splice(..0, stacked);
+    let layers = stacked.map_or(1, |axis| axis.size);
+    let mut stacks = Stacks {
+        index: Index::new(),
+        layers,
+        order: header.data_order(),
+        scale: header.scale,
+        overlaps: 0,
+    };
+    let invalid = |path: &Path, cause| VolumeError::Volume {
+        path: path.to_owned(),
+        cause,
+    };
+    let path = header.path.clone();
+    let mut voxels = with_sample!(header.element()?, T => read(&mut header, layers * T::BYTES, &mut |bytes, voxels| {
+        stacks.push::<T>(bytes, voxels).map_err(|unfit| match unfit {
+            Unfit::TooMany => invalid(&path, InvalidVolume::TooManyLabels(stacks.index.stored.len())),
+            Unfit::Fraction(value) => {
+                let (voxel, [x, y, _]) = (voxels.len(), grid.size);
+                VolumeError::Fractional {
+                    path: path.clone(),
+                    voxel: [voxel % x, voxel / x % y, voxel / x / y],
+                    value,
+                }
+            }
+        })
+    }))?;
+    let mut warnings = std::mem::take(&mut header.warnings);
     if let Some(degrees) = grid.shear_deg {
         warnings.push(format!(
             "the axes are sheared: {degrees:.2} degrees off a right angle; taken as they are"
         ));
     }
-    let element = header.element()?;
-    let indexed = with_sample!(element, T => index::<T>(bytes, header.order, header.scale, layers));
-    let mut indexed = indexed.map_err(|fraction| {
-        let voxel = fraction.at / layers;
-        let [x, y, _] = grid.size;
-        VolumeError::Fractional {
-            path: header.path.clone(),
-            voxel: [voxel % x, voxel / x % y, voxel / x / y],
-            value: fraction.value,
-        }
-    })?;
     for &label in named.keys().filter(|&&(_, value)| value != 0) {
-        indexed.index.number(label);
+        stacks.index.number(label);
     }
-    let invalid = |cause| VolumeError::Volume {
-        path: header.path.clone(),
-        cause,
-    };
-    let stored = &indexed.index.stored;
+    let stored = &stacks.index.stored;
     if stored.len() > 256 {
-        return Err(invalid(InvalidVolume::TooManyLabels(stored.len())));
+        return Err(invalid(&path, InvalidVolume::TooManyLabels(stored.len())));
     }
-    if indexed.overlaps > 0 {
-        let overlaps = indexed.overlaps;
+    if stacks.overlaps > 0 {
+        let overlaps = stacks.overlaps;
         warnings.push(format!(
             "{overlaps} voxels belong to segments of several layers: the highest layer counts"
         ));
@@ -148,14 +173,15 @@ pub(crate) fn volume(mut header: Header, bytes: &[u8]) -> Result<Loaded, VolumeE
         labels.push(Label {
             value: values[number],
             name: name.or_else(|| header.names.get(&values[number]).cloned()),
-            voxels: indexed.index.counts[number],
+            voxels: stacks.index.counts[number],
         });
     }
-    for voxel in &mut indexed.voxels {
+    for voxel in &mut voxels {
         *voxel = place[usize::from(*voxel)];
     }
-    warnings.extend(grey_image(&indexed.voxels, grid.size[0], &labels));
-    let volume = LabelVolume::new(grid.size, indexed.voxels, labels, grid.index_to_world).map_err(invalid)?;
+    warnings.extend(grey_image(&voxels, grid.size[0], &labels));
+    let volume =
+        LabelVolume::new(grid.size, voxels, labels, grid.index_to_world).map_err(|cause| invalid(&path, cause))?;
     Ok(Loaded { volume, warnings })
 }
 
@@ -234,6 +260,13 @@ mod tests {
         header
     }
 
+    fn volume(header: Header, bytes: &[u8]) -> Result<Loaded, VolumeError> {
+        volume_from(header, |_, _, push| {
+            let mut voxels = Vec::new();
+            push(bytes, &mut voxels).map(|()| voxels)
+        })
+    }
+
     fn bytes(values: &[i16]) -> Vec<u8> {
         values.iter().flat_map(|value| value.to_le_bytes()).collect()
     }
@@ -274,10 +307,15 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            message.contains("257 distinct labels") && message.contains("grey image"),
+            message.contains("at least 257 distinct labels") && message.contains("grey image"),
             "{message}"
         );
         assert!(volume(cube([255, 1, 1], Element::I16), &bytes(&grey[..255])).is_ok());
+        let many: Vec<u8> = (0..100_000i32).flat_map(i32::to_le_bytes).collect();
+        let message = volume(cube([100_000, 1, 1], Element::I32), &many)
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("at least 100000 distinct labels"), "{message}");
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! Reading a file of any known format, told apart by content.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -8,7 +7,7 @@ use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
 use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
-use crate::memory;
+use crate::read;
 
 /// A label volume and what to tell the user about it.
 #[derive(Clone, Debug)]
@@ -37,9 +36,7 @@ pub struct ScalarImage {
 /// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that cannot be read,
 /// are of another format, are broken, or hold no labels (fractions, or more than 256 distinct values).
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
-    let mut header = read_header(path)?;
-    let bytes = data::read(&mut header)?;
-    labels::volume(header, &bytes)
+    labels::volume(read_header(path)?)
 }
 
 /// Loads a grey volume from the formats of [`load`], any element type.
@@ -49,20 +46,17 @@ pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
 pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let mut header = read_header(path)?;
     let grid = header.grid()?;
-    let bytes = data::read(&mut header)?;
-    let voxels = grid.size.iter().product::<usize>() as u64;
-    memory::check(
-        voxels * size_of::<f32>() as u64,
-        &format!("a texture of {}", header.sizes()),
-    )
-    .map_err(|error| VolumeError::read(path, error.into()))?;
-    let values = with_sample!(header.element()?, T => bytes
-        .chunks_exact(<T as Sample>::BYTES)
-        .map(|number| {
-            let stored = T::decode(number, header.order).as_f64();
-            header.scale.map_or(stored, |scale| scale.apply(stored)) as f32
+    let (order, scale) = (header.data_order(), header.scale);
+    let values = with_sample!(header.element()?, T => {
+        let value = |number: &[u8]| {
+            let stored = T::decode(number, order).as_f64();
+            scale.map_or(stored, |scale| scale.apply(stored)) as f32
+        };
+        data::read_into(&mut header, T::BYTES, &mut |bytes, values| {
+            values.extend(bytes.chunks_exact(T::BYTES).map(value));
+            Ok(())
         })
-        .collect::<Vec<f32>>());
+    })?;
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
         let [x, y, _] = grid.size;
         let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
@@ -88,7 +82,7 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
         }
     }
     let mut start = Vec::new();
-    File::open(path)
+    read::open(path)
         .and_then(|file| file.take(4096).read_to_end(&mut start))
         .map_err(fail)?;
     if start.starts_with(nrrd::MAGIC) {

@@ -1,7 +1,6 @@
 //! MetaImage: `.mha` with its data, `.mhd` with the data in another file. Tags as MetaIO (`metaImage.cxx`,
 //! `metaObject.cxx`) reads them; world coordinates are LPS.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -12,6 +11,7 @@ use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::text::{Field, Lines};
+use crate::read;
 
 /// Whether these first bytes of a file are those of a MetaImage header.
 pub(crate) fn is_header(start: &[u8]) -> bool {
@@ -23,7 +23,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 
 /// Reads the header of a MetaImage file.
 pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
-    let file = File::open(path).map_err(|cause| VolumeError::read(path, cause))?;
+    let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
 
@@ -80,7 +80,7 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
             value: value.trim(),
         })?;
     }
-    tags.finish(path, lines.offset())
+    tags.finish(path, lines.offset(), lines.count())
 }
 
 /// MetaIO takes these for true.
@@ -179,7 +179,7 @@ impl Tags {
             .collect()
     }
 
-    fn finish(mut self, path: &Path, header_bytes: u64) -> Result<Header, VolumeError> {
+    fn finish(mut self, path: &Path, header_bytes: u64, header_lines: usize) -> Result<Header, VolumeError> {
         let missing = |name: &str| {
             VolumeError::malformed(
                 path,
@@ -245,6 +245,8 @@ impl Tags {
                 } else {
                     path.parent().unwrap_or(Path::new("")).join(&data_file)
                 },
+                // It is named last.
+                named: (!local).then_some(At::Line(header_lines)),
                 start: if local { header_bytes } else { 0 },
                 skip_lines: 0,
                 skip: u64::try_from(self.header_size).map_or(Skip::AllButTheImage, Skip::Bytes),

@@ -13,6 +13,7 @@ use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::{caret, data};
+use crate::read;
 
 /// Bytes of the header proper (`nifti1.h`: `sizeof_hdr`).
 pub(crate) const HEADER_BYTES: usize = 348;
@@ -37,7 +38,7 @@ pub(crate) fn is_header(start: &[u8]) -> bool {
 
 /// Reads the header of a NIfTI-1 file, plain or gzipped.
 pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
-    let mut file = BufReader::new(File::open(path).map_err(|cause| VolumeError::read(path, cause))?);
+    let mut file = BufReader::new(read::open(path).map_err(|cause| VolumeError::read(path, cause))?);
     let start = file.fill_buf().map_err(|cause| VolumeError::read(path, cause))?;
     if start.starts_with(&[0x1f, 0x8b]) {
         let mut unpacked = GzDecoder::new(file);
@@ -113,6 +114,7 @@ pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
     let offset = vox_offset(path, &raw, least)?;
     let data = DataPlace {
         path: data_path,
+        named: (!attached).then_some(At::Header),
         start: 0,
         skip_lines: 0,
         skip: Skip::Bytes(offset),
@@ -171,11 +173,13 @@ fn vox_offset(path: &Path, raw: &NiftiHeader, least: u64) -> Result<u64, VolumeE
 
 /// The `.img` beside a `.hdr`: plain if it is there, else gzipped.
 fn image_file(header: &Path) -> (PathBuf, Encoding) {
-    let name = header.to_string_lossy();
-    let stem = name.strip_suffix(".gz").unwrap_or(&name);
-    let upper = stem.ends_with(".HDR");
-    let image = Path::new(stem).with_extension(if upper { "IMG" } else { "img" });
-    let packed = PathBuf::from(format!("{}.gz", image.display()));
+    let ends = |path: &Path, end: &str| path.extension().is_some_and(|extension| extension == end);
+    let plain = match ends(header, "gz") {
+        true => header.with_extension(""),
+        false => header.to_owned(),
+    };
+    let image = plain.with_extension(if ends(&plain, "HDR") { "IMG" } else { "img" });
+    let packed = image.with_added_extension("gz");
     if !image.exists() && packed.exists() {
         (packed, Encoding::Gzip)
     } else {

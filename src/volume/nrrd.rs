@@ -1,7 +1,6 @@
 //! NRRD: `.nrrd` with its data, `.nhdr` with the data in another file. After the format's definition at
 //! teem.sourceforge.net/nrrd/format.html; section names in this file are those of that page.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -13,13 +12,14 @@ use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::names;
 use super::nrrd_space::{Space, vectors};
 use super::text::{Field, Lines};
+use crate::read;
 
 /// What every NRRD file starts with.
 pub(crate) const MAGIC: &[u8] = b"NRRD";
 
 /// Reads the header of an NRRD file.
 pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
-    let file = File::open(path).map_err(|cause| VolumeError::read(path, cause))?;
+    let file = read::open(path).map_err(|cause| VolumeError::read(path, cause))?;
     parse(path, BufReader::new(file))
 }
 
@@ -43,7 +43,8 @@ struct Fields {
     spacings_line: usize,
     skip_lines: usize,
     skip_bytes: Option<Skip>,
-    data_file: Option<String>,
+    /// Its name and the line that has it.
+    data_file: Option<(String, usize)>,
     key_values: Vec<(String, String)>,
     warnings: Vec<String>,
 }
@@ -177,7 +178,7 @@ impl Fields {
                 if field.value.is_empty() {
                     return Err(field.malformed("the name of a file"));
                 }
-                self.data_file = Some(field.value.to_owned());
+                self.data_file = Some((field.value.to_owned(), field.line));
             }
             // They say nothing about the numbers or their place (a measurement frame is for vector data).
             "content" | "block size" | "blocksize" | "number" | "min" | "max" | "old min" | "oldmin" | "old max"
@@ -243,7 +244,7 @@ impl Fields {
         }
         let (axes, origin) = self.geometry(path, &sizes)?;
         let data = match &self.data_file {
-            Some(name) => (path.parent().unwrap_or(Path::new("")).join(name), 0),
+            Some((name, _)) => (path.parent().unwrap_or(Path::new("")).join(name), 0),
             None if path
                 .extension()
                 .is_some_and(|extension| extension.eq_ignore_ascii_case("nhdr")) =>
@@ -261,6 +262,7 @@ impl Fields {
             scale: None,
             data: DataPlace {
                 path: data.0,
+                named: self.data_file.map(|(_, line)| At::Line(line)),
                 start: data.1,
                 skip_lines: self.skip_lines,
                 skip: self.skip_bytes.unwrap_or(Skip::Bytes(0)),

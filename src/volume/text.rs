@@ -38,10 +38,14 @@ impl<R: BufRead> Lines<R> {
         let mut bytes = Vec::new();
         let left = MAX_HEADER_BYTES.saturating_sub(self.offset);
         let read = (&mut self.reader).take(left).read_until(b'\n', &mut bytes)?;
+        self.offset += read as u64;
+        if self.offset == MAX_HEADER_BYTES {
+            let found = format!("found no end of the header; expected one of less than {MAX_HEADER_BYTES} bytes");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, found));
+        }
         if read == 0 {
             return Ok(None);
         }
-        self.offset += read as u64;
         self.number += 1;
         while matches!(bytes.last(), Some(b'\n' | b'\r')) {
             bytes.pop();

@@ -63,6 +63,36 @@ fn wrong_files_are_status_2_and_named() {
     bench.run("plan binary.toml").fails(2, &["binary.toml", "byte 12"]);
 }
 
+/// Two megabytes that unpack to the two gigabytes that their header calls for.
+#[cfg(target_os = "linux")]
+#[test]
+fn data_beyond_the_memory_are_status_1_before_any_is_taken() {
+    use std::io::Write;
+    let bench = Bench::new();
+    let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+    packer.write_all(&vec![0; 64 << 20]).unwrap();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1024 1024 2048\nspacings: 1 1 1\nencoding: gzip\n\n";
+    let data = packer.finish().unwrap().repeat(32);
+    std::fs::write(bench.path("bomb.nrrd"), [header.as_bytes(), &data].concat()).unwrap();
+    let run = |command: &str| {
+        let limited = format!("ulimit -v 2000000; exec {} {command}", env!("CARGO_BIN_EXE_insonify"));
+        let out = Command::new("sh")
+            .args(["-c", &limited])
+            .current_dir(bench.path("."))
+            .output()
+            .unwrap();
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    for command in ["info bomb.nrrd", "render --labels bomb.nrrd --backend cpu"] {
+        let (status, words) = run(command);
+        let says = ["bomb.nrrd", "2.0 GiB (2147483648 bytes)"];
+        assert!(
+            status == Some(1) && says.iter().all(|says| words.contains(says)),
+            "{status:?}: {words}"
+        );
+    }
+}
+
 #[test]
 fn a_broken_gzip_is_an_error_of_that_file() {
     let bench = Bench::new();

@@ -2,6 +2,8 @@
 //! however broken, makes a parser panic or take memory that its data do not fill.
 
 mod broken;
+#[cfg(unix)]
+mod hostile;
 mod meshes;
 mod sequences;
 mod volumes;

@@ -1,8 +1,11 @@
 //! Analytic displacement fields: closed forms that move a mesh without any mechanics.
 
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// Volume of the image of a cube, as a share of the product of its edges, below which an affine map flattens tissue.
+const SINGULAR: f64 = 1e-9;
 
 /// A displacement of every point of space, from reference position (mm) to displacement (mm).
 ///
@@ -196,12 +199,15 @@ impl Displacement {
             }
             Displacement::Affine { matrix } => {
                 let finite = matrix.iter().flatten().all(|x| x.is_finite());
-                match finite && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
+                let linear = Matrix3::from_fn(|row, column| matrix[row][column]);
+                let norms: f64 = linear.column_iter().map(|column| column.norm()).product();
+                let solid = linear.determinant().abs() > SINGULAR * norms;
+                match finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
                     true => Ok(()),
                     false => Err(fault(
                         "matrix",
                         format!("{matrix:?}"),
-                        "finite, with the last row 0 0 0 1",
+                        "finite, with the last row 0 0 0 1, and directions that span a volume",
                     )),
                 }
             }
@@ -385,6 +391,15 @@ mod tests {
             key("kind = 'affine'\nmatrix = [[2, 0, 0, 1], [0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 1, 1]]"),
             "matrix"
         );
+        for linear in [
+            "[0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]",
+            "[1, 2, 0, 0], [2, 4, 0, 0], [0, 0, 1, 0]",
+        ] {
+            assert_eq!(
+                key(&format!("kind = 'affine'\nmatrix = [{linear}, [0, 0, 0, 1]]")),
+                "matrix"
+            );
+        }
     }
 
     #[test]

@@ -15,12 +15,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::TetMesh;
+use crate::{memory, read};
 pub use error::MeshFileError;
 use error::{Fault, quote};
 pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};
 
 /// The point array that is taken for the displacement where no other is named.
 pub const DISPLACEMENT: &str = "displacement";
+
+/// Memory for an element of a mesh and what is found out about it, beside its part of the file, about.
+const BYTES_PER_ELEMENT: u64 = 256;
 
 /// Which arrays to read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,7 +86,7 @@ struct Parts {
 /// # Errors
 /// [`MeshFileError`], with the line and byte offset where the contents break the format.
 pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
-    let bytes = std::fs::read(path).map_err(|source| MeshFileError::Read {
+    let bytes = read::whole(path, read::MESH).map_err(|source| MeshFileError::Read {
         path: path.to_owned(),
         source,
     })?;
@@ -101,6 +105,10 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
             quote(&bytes[..bytes.len().min(24)]),
             "`# vtk DataFile` (legacy VTK), an XML VTKFile of type UnstructuredGrid, or `$MeshFormat` (Gmsh)",
         ))
+    });
+    let parts = parts.and_then(|parts| {
+        memory::check(BYTES_PER_ELEMENT * parts.elements.len() as u64, "a mesh")?;
+        Ok(parts)
     });
     let parts = parts.map_err(|fault| fault.locate(bytes, path))?;
     let mesh = TetMesh::new(parts.nodes, parts.elements, parts.regions).map_err(|source| MeshFileError::Mesh {

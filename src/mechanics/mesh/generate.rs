@@ -190,6 +190,9 @@ pub enum GenerateError {
         /// The largest budget tried.
         nodes: usize,
     },
+    /// Elements that lose their volume where the tissue lies in the world.
+    #[error("the volume lies so far from the origin of the world that its elements have no volume there")]
+    Far,
     /// The budget is spent before all edges are short enough.
     #[error("edges of at most {max_edge_mm} mm need more than {nodes} nodes; allow longer edges or more nodes")]
     LongEdges {
@@ -223,13 +226,23 @@ pub fn generate(
     grid: &LabelGrid,
     nodes: usize,
     options: &GenerateOptions,
+    progress: impl FnMut(f32),
+) -> Result<Generated, GenerateError> {
+    generate_with(&Sampler::new(), grid, nodes, options, progress)
+}
+
+fn generate_with(
+    sampler: &Sampler,
+    grid: &LabelGrid,
+    nodes: usize,
+    options: &GenerateOptions,
     mut progress: impl FnMut(f32),
 ) -> Result<Generated, GenerateError> {
     check(nodes, options)?;
     memory::check((nodes * BYTES_A_NODE) as u64, &format!("a mesh of {nodes} nodes"))?;
     progress(0.0);
     let tissue = Tissue::new(grid)?;
-    let sampler = Sampler::new();
+    budget::check_thickness(&tissue)?;
     let mut told = 0.0f32;
     let mut ascending = |share: f32| {
         if share > told {
@@ -237,12 +250,12 @@ pub fn generate(
             progress(share);
         }
     };
-    match budget::within(&tissue, &sampler, nodes, options, &mut ascending)? {
+    match budget::within(&tissue, sampler, nodes, options, &mut ascending)? {
         Some(generated) => {
             ascending(1.0);
             Ok(generated)
         }
-        None => Err(budget::shortage(&tissue, &sampler, nodes, options)?),
+        None => Err(budget::shortage(&tissue, sampler, nodes, options)?),
     }
 }
 

@@ -138,7 +138,7 @@ impl CacheKey {
 /// # Errors
 /// [`CacheMiss`] when it is not there, not whole or not the one asked for.
 pub fn load<T: Scalar>(path: &Path, key: &CacheKey, size: usize) -> Result<Symmetric<T>, CacheMiss> {
-    let file = match File::open(path) {
+    let file = match crate::read::open(path) {
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Err(CacheMiss::Absent),
         other => other.map_err(CacheMiss::Unreadable)?,
     };

@@ -12,6 +12,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
 use super::{PunctureError, PunctureOptions, pushing};
+use crate::read;
 
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];
@@ -70,7 +71,8 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
         found,
         expected,
     };
-    let text = std::fs::read(path).map_err(|error| wrong(None, error.to_string(), "a file that can be read"))?;
+    let text =
+        read::whole(path, read::CSV).map_err(|error| wrong(None, error.to_string(), "a file that can be read"))?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .comment(Some(b'#'))

@@ -1,12 +1,12 @@
 //! Paths in CSV files: one timed pose a row.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
+use crate::read;
 use crate::tracking::pose::{InvalidPose, Pose};
 
 const POSITION: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
@@ -107,11 +107,11 @@ impl Trajectory {
     /// or a probe-to-world matrix `m00` to `m33`. World coordinates are LPS mm. Without a hint each row turns the shortest way
     /// from the one before. Lines that start with `#` are comments.
     pub fn from_csv(path: &Path, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
-        let file = File::open(path).map_err(|source| CsvError::Read {
+        let bytes = read::whole(path, read::CSV).map_err(|source| CsvError::Read {
             path: path.to_owned(),
             source,
         })?;
-        Self::from_csv_reader(file, path, interpolation)
+        Self::from_csv_reader(&bytes[..], path, interpolation)
     }
 
     /// As [`Trajectory::from_csv`], from any source; `path` names it in errors.

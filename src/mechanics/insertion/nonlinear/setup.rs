@@ -100,6 +100,13 @@ pub enum InvalidSetup {
     Memory(#[from] CreepError),
 }
 
+impl InvalidSetup {
+    /// Whether memory ran out, rather than the setup being wrong.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) if error.is_machine())
+    }
+}
+
 impl Nonlinear {
     /// A model at rest, no needle near.
     ///

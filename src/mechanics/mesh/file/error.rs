@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::mechanics::mesh::InvalidMesh;
+use crate::memory::TooLarge;
+use crate::read;
 
 /// Why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -78,23 +80,36 @@ pub enum MeshFileError {
 }
 
 impl MeshFileError {
-    /// Whether the machine is at fault (the output cannot be written) rather than the input.
+    /// Whether the machine is at fault rather than the input: the output cannot be written, the memory is short, the disk fails.
     pub fn is_machine(&self) -> bool {
-        matches!(self, MeshFileError::Write { .. })
+        match self {
+            MeshFileError::Write { .. } => true,
+            MeshFileError::Read { source, .. } => read::is_machine(source),
+            _ => false,
+        }
     }
 }
 
-/// A fault at a byte offset, or in the whole.
+/// A fault at a byte offset or in the whole, or more memory wanted than there is.
 #[derive(Debug, PartialEq)]
-pub(super) struct Fault {
-    offset: Option<usize>,
-    found: String,
-    expected: String,
+pub(super) enum Fault {
+    Contents {
+        offset: Option<usize>,
+        found: String,
+        expected: String,
+    },
+    Memory(TooLarge),
+}
+
+impl From<TooLarge> for Fault {
+    fn from(error: TooLarge) -> Fault {
+        Fault::Memory(error)
+    }
 }
 
 impl Fault {
     pub fn at(offset: usize, found: impl Into<String>, expected: impl Into<String>) -> Fault {
-        Fault {
+        Fault::Contents {
             offset: Some(offset),
             found: found.into(),
             expected: expected.into(),
@@ -102,7 +117,7 @@ impl Fault {
     }
 
     pub fn whole(found: impl Into<String>, expected: impl Into<String>) -> Fault {
-        Fault {
+        Fault::Contents {
             offset: None,
             found: found.into(),
             expected: expected.into(),
@@ -111,15 +126,22 @@ impl Fault {
 
     /// The error that tells of it, with the line of the offset.
     pub fn locate(self, bytes: &[u8], path: &Path) -> MeshFileError {
-        let Fault {
-            offset,
-            found,
-            expected,
-        } = self;
         let path = path.to_owned();
-        match offset {
-            None => MeshFileError::Content { path, found, expected },
-            Some(offset) => {
+        match self {
+            Fault::Memory(error) => MeshFileError::Read {
+                path,
+                source: error.into(),
+            },
+            Fault::Contents {
+                offset: None,
+                found,
+                expected,
+            } => MeshFileError::Content { path, found, expected },
+            Fault::Contents {
+                offset: Some(offset),
+                found,
+                expected,
+            } => {
                 let line = 1 + bytes[..offset.min(bytes.len())].iter().filter(|b| **b == b'\n').count();
                 MeshFileError::Syntax {
                     path,

@@ -24,7 +24,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, 
     let grid = if bytes.starts_with(LEGACY) {
         legacy::parse(bytes)
     } else if bytes.trim_ascii_start().starts_with(b"<") {
-        xml::parse(bytes)
+        xml::parse(bytes, |of_points, name| grid::is_wanted(of_points, name, options))
     } else {
         return None;
     };

@@ -27,6 +27,21 @@ const TRIES: usize = 12;
 /// fewer of them are kept than refinement counts on.
 const OVERSHOOT: usize = 3;
 
+/// Most nodes that are tried in search of a budget that works.
+const MOST_TRIED: usize = MOST_NODES / 64;
+/// Work after which that search ends, some seconds.
+pub(super) const MOST_SEARCH: u64 = 100_000_000;
+
+/// Refuses tissue so thin that elements of its thickness could not fill it with as many nodes as are ever tried.
+pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
+    let cell = (tissue.thickness / NARROWEST).powi(3);
+    let volume: f64 = tissue.volumes.iter().sum();
+    match volume <= MOST_TRIED as f64 * cell {
+        true => Ok(()),
+        false => Err(GenerateError::TooThin { nodes: MOST_TRIED }),
+    }
+}
+
 /// The lattice over a box of tissue whose low corner is the origin: cells as near to cubes as fill it exactly, but for a box
 /// far thinner than a cell, which lies in the middle of one layer.
 fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
@@ -177,8 +192,9 @@ pub(super) fn shortage(
 ) -> Result<GenerateError, GenerateError> {
     let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|found| found.is_some());
     let (mut short, mut enough) = (nodes, nodes.max(4));
+    let most = sampler.work() + MOST_SEARCH;
     while !works(enough)? {
-        if enough > MOST_NODES / 64 {
+        if enough > MOST_TRIED || sampler.work() > most {
             return Ok(GenerateError::TooThin { nodes: enough });
         }
         short = enough;

@@ -1,5 +1,7 @@
 //! What an element holds: the tissue at a regular lattice of points inside it.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::shape::six_volumes;
 use super::tissue::{OUTSIDE, Tissue};
 
@@ -7,6 +9,8 @@ use super::tissue::{OUTSIDE, Tissue};
 const LEAST_ORDER: usize = 2;
 /// Most points of an element: order 18, 1,330 points.
 const MOST_ORDER: usize = 18;
+/// Work on an element beside its points, in points.
+const WORK: u64 = 100;
 /// Points for each voxel that fits into the element, between these bounds.
 const DENSITY: f64 = 0.5;
 
@@ -55,6 +59,7 @@ impl Contents {
 /// The points by order `n`: barycentric coordinates `(a + 1/4) / (n + 1)` for whole `a` that add up to `n`.
 pub(super) struct Sampler {
     lattices: Vec<Vec<[f64; 4]>>,
+    work: AtomicU64,
 }
 
 impl Sampler {
@@ -73,7 +78,13 @@ impl Sampler {
         };
         Sampler {
             lattices: (LEAST_ORDER..=MOST_ORDER).map(lattice).collect(),
+            work: AtomicU64::new(0),
         }
+    }
+
+    /// Work so far: points looked at, and [`WORK`] for each element.
+    pub fn work(&self) -> u64 {
+        self.work.load(Ordering::Relaxed)
     }
 
     /// What the element with these corners holds.
@@ -83,6 +94,7 @@ impl Sampler {
         let last = &self.lattices[self.lattices.len() - 1];
         let fitting = self.lattices.iter().find(|lattice| lattice.len() as f64 >= wanted);
         let lattice = fitting.unwrap_or(last);
+        self.work.fetch_add(lattice.len() as u64 + WORK, Ordering::Relaxed);
         let at = corners.map(|corner| tissue.index_of(corner));
         let mut counts = [0u16; 256];
         for w in lattice {

@@ -23,6 +23,9 @@ pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, Genera
         regions.push(tissue.regions[usize::from(draft.classes[element as usize])]);
     }
     let mesh = TetMesh::new(nodes, elements, regions)?;
+    if !mesh.volumes(mesh.nodes()).all(|volume| volume > 0.0) {
+        return Err(GenerateError::Far);
+    }
     let quality = Quality::of(&mesh, mesh.nodes());
     let report = GenerateReport {
         nodes: mesh.nodes().len(),

@@ -2,6 +2,7 @@
 
 mod refused;
 mod shapes;
+mod work;
 
 use std::collections::HashMap;
 

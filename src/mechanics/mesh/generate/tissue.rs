@@ -24,6 +24,8 @@ pub(super) struct Tissue<'a> {
     pub volumes: Vec<f64>,
     /// Volume of a voxel, mm^3.
     pub voxel_mm3: f64,
+    /// Least distance between opposite faces of the block of voxels around the tissue, which is sheared where they are, mm.
+    pub thickness: f64,
     /// Region number of each class; the outside has 0.
     pub regions: Vec<i32>,
 }
@@ -58,6 +60,7 @@ impl<'a> Tissue<'a> {
             extent: [0.0; 3],
             volumes: Vec::new(),
             voxel_mm3,
+            thickness: 0.0,
             regions,
         };
         let low = tissue.measure(grid, &index_to_frame)?;
@@ -121,6 +124,12 @@ impl<'a> Tissue<'a> {
             high = high.sup(&point);
         }
         self.extent = (high - low).into();
+        let edges = [0, 1, 2].map(|axis| index_to_frame.column(axis) * (last[axis] - first[axis] + 1) as f64);
+        let widths = [0, 1, 2].map(|axis| {
+            let face = edges[(axis + 1) % 3].cross(&edges[(axis + 2) % 3]);
+            edges[axis].dot(&face).abs() / face.norm()
+        });
+        self.thickness = widths.into_iter().fold(f64::INFINITY, f64::min);
         Ok(low)
     }
 

@@ -24,6 +24,7 @@ const REGION_NAMES: [&str; 6] = [
 pub(super) struct Array {
     pub name: String,
     pub components: usize,
+    /// Empty where it is not wanted.
     pub values: Vec<f64>,
 }
 
@@ -37,6 +38,16 @@ pub(super) struct Grid {
     pub types: Vec<i64>,
     pub point_arrays: Vec<Array>,
     pub cell_arrays: Vec<Array>,
+}
+
+/// Whether [`Grid::select`] looks at the values of an array of points or cells.
+pub(super) fn is_wanted(of_points: bool, name: &str, options: &ReadOptions) -> bool {
+    match of_points {
+        true => name == options.displacement.unwrap_or(DISPLACEMENT),
+        false => options
+            .region
+            .map_or(REGION_NAMES.contains(&name), |region| region == name),
+    }
 }
 
 impl Grid {

@@ -9,11 +9,11 @@ use super::{Fault, quote};
 use data::{Appended, Encoding, values};
 use tags::{Scanner, Tag};
 
-/// Reads the file into a grid.
-pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
+/// Reads the file into a grid, with the values of those arrays of points (true) or cells (false) that are wanted.
+pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result<Grid, Fault> {
     let mut scanner = Scanner { bytes, at: 0 };
     let mut file = None;
-    let mut arrays = Vec::new();
+    let mut piece = Piece::default();
     let mut sections: Vec<String> = Vec::new();
     let mut counts = None;
     let mut appended = None;
@@ -27,13 +27,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
             "Piece" if counts.is_some() => return Err(Fault::at(tag.at, "a second Piece", "a single Piece")),
             "Piece" => counts = Some((tag.count("NumberOfPoints")?, tag.count("NumberOfCells")?)),
             "DataArray" => {
-                let section = sections.last().cloned().unwrap_or_default();
-                let text = if tag.empty {
-                    (scanner.at, &bytes[..0])
-                } else {
-                    scanner.text()
+                let text = match tag.empty {
+                    true => (scanner.at, &bytes[..0]),
+                    false => scanner.text(),
                 };
-                arrays.push((section, tag.clone(), text));
+                piece.add(sections.last().map_or("", String::as_str), tag.clone(), text, &wanted)?;
             }
             "AppendedData" => {
                 appended = Some(Appended::of(&tag, &scanner)?);
@@ -52,56 +50,100 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
             "a VTKFile with an UnstructuredGrid and one Piece",
         ));
     };
-    let mut grid = Grid::default();
-    for (section, tag, text) in arrays {
-        let attribute = match section.as_str() {
-            "Points" | "Cells" => false,
-            "PointData" | "CellData" => true,
-            _ => continue,
-        };
-        if attribute && tag.get("type") == Some("String") {
-            continue;
-        }
-        let components = tag
-            .get("NumberOfComponents")
-            .map_or(Ok(1), |_| tag.count("NumberOfComponents"))?;
-        let values = values(&tag, text, &file, appended.as_ref())?;
-        let name = tag.get("Name").unwrap_or_default().to_owned();
-        match (section.as_str(), name.as_str()) {
-            ("Points", _) => grid.points = expect(&tag, values, points.checked_mul(3))?,
-            ("Cells", "connectivity") => grid.connectivity = integers(values),
-            ("Cells", "offsets") => {
-                grid.offsets = integers(expect(&tag, values, Some(cells))?);
-                grid.offsets.insert(0, 0);
-            }
-            ("Cells", "types") => grid.types = integers(expect(&tag, values, Some(cells))?),
-            ("PointData", _) => grid.point_arrays.push(Array {
-                name,
-                components,
-                values,
-            }),
-            ("CellData", _) => grid.cell_arrays.push(Array {
-                name,
-                components,
-                values,
-            }),
-            _ => {}
-        }
-    }
-    if grid.offsets.is_empty() {
-        grid.offsets.push(0);
-    }
-    Ok(grid)
+    piece.grid(points, cells, |raw, count| {
+        values(&raw.tag, raw.text, &file, appended.as_ref(), count)
+    })
 }
 
-fn expect(tag: &Tag, values: Vec<f64>, count: Option<usize>) -> Result<Vec<f64>, Fault> {
-    match count == Some(values.len()) {
-        true => Ok(values),
-        false => Err(Fault::at(
-            tag.at,
-            format!("{} values in `{}`", values.len(), tag.get("Name").unwrap_or_default()),
-            count.map_or("a count that fits in memory".to_owned(), |count| format!("{count}")),
-        )),
+/// An array as the file has it.
+struct Raw<'a> {
+    tag: Tag,
+    text: (usize, &'a [u8]),
+}
+
+/// The arrays of a piece, not yet decoded.
+#[derive(Default)]
+struct Piece<'a> {
+    points: Option<Raw<'a>>,
+    connectivity: Option<Raw<'a>>,
+    offsets: Option<Raw<'a>>,
+    types: Option<Raw<'a>>,
+    /// Names and components of the arrays of points and of cells, with those that are wanted.
+    point_arrays: Vec<(Array, Option<Raw<'a>>)>,
+    cell_arrays: Vec<(Array, Option<Raw<'a>>)>,
+}
+
+impl<'a> Piece<'a> {
+    fn add(
+        &mut self,
+        section: &str,
+        tag: Tag,
+        text: (usize, &'a [u8]),
+        wanted: impl Fn(bool, &str) -> bool,
+    ) -> Result<(), Fault> {
+        let name = tag.get("Name").unwrap_or_default();
+        let place = match (section, name) {
+            ("Points", _) => &mut self.points,
+            ("Cells", "connectivity") => &mut self.connectivity,
+            ("Cells", "offsets") => &mut self.offsets,
+            ("Cells", "types") => &mut self.types,
+            ("PointData" | "CellData", name) if tag.get("type") != Some("String") => {
+                let of_points = section == "PointData";
+                let array = Array {
+                    name: name.to_owned(),
+                    components: tag
+                        .get("NumberOfComponents")
+                        .map_or(Ok(1), |_| tag.count("NumberOfComponents"))?,
+                    values: Vec::new(),
+                };
+                let arrays = match of_points {
+                    true => &mut self.point_arrays,
+                    false => &mut self.cell_arrays,
+                };
+                // Of several with one name the first counts.
+                let new = wanted(of_points, name) && arrays.iter().all(|(other, _)| other.name != name);
+                arrays.push((array, new.then_some(Raw { tag, text })));
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        if place.is_some() {
+            return Err(Fault::at(
+                tag.at,
+                format!("a second array `{name}` in {section}"),
+                "one",
+            ));
+        }
+        *place = Some(Raw { tag, text });
+        Ok(())
+    }
+
+    /// The arrays decoded by `decode`, each to so many values.
+    fn grid(
+        self,
+        points: usize,
+        cells: usize,
+        decode: impl Fn(&Raw, Option<usize>) -> Result<Vec<f64>, Fault>,
+    ) -> Result<Grid, Fault> {
+        let decode_or_none = |raw: Option<Raw>, count| raw.map_or(Ok(Vec::new()), |raw| decode(&raw, count));
+        let all = |arrays: Vec<(Array, Option<Raw>)>, tuples: usize| -> Result<Vec<Array>, Fault> {
+            let decoded = arrays.into_iter().map(|(array, raw)| {
+                let values = decode_or_none(raw, tuples.checked_mul(array.components))?;
+                Ok(Array { values, ..array })
+            });
+            decoded.collect()
+        };
+        let mut offsets = integers(decode_or_none(self.offsets, Some(cells))?);
+        let corners = offsets.last().map_or(Some(0), |last| usize::try_from(*last).ok());
+        offsets.insert(0, 0);
+        Ok(Grid {
+            points: decode_or_none(self.points, points.checked_mul(3))?,
+            connectivity: integers(decode_or_none(self.connectivity, corners)?),
+            types: integers(decode_or_none(self.types, Some(cells))?),
+            offsets,
+            point_arrays: all(self.point_arrays, points)?,
+            cell_arrays: all(self.cell_arrays, cells)?,
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Names, types and numbers of a legacy file.
 
 use super::{Cursor, Fault, Kind, quote, word};
+use crate::read;
 
 pub(super) struct Reader<'a> {
     pub cursor: Cursor<'a>,
@@ -73,7 +74,7 @@ impl Reader<'_> {
 
     fn ascii_numbers(&mut self, count: usize) -> Result<Vec<f64>, Fault> {
         // Every number takes at least two bytes, so the file bounds what is set aside.
-        let mut values = Vec::with_capacity(count.min(self.cursor.rest().len() / 2 + 1));
+        let mut values = read::room(count.min(self.cursor.rest().len() / 2 + 1), "an array of a mesh")?;
         for index in 0..count {
             values.push(self.cursor.number(|| format!("number {index} of {count}"))?);
         }
@@ -88,10 +89,9 @@ impl Reader<'_> {
             let found = format!("{} bytes to the end of the file", self.cursor.rest().len());
             Fault::at(self.cursor.at, found, format!("{count} binary values of {size} bytes"))
         })?;
-        Ok(data
-            .chunks_exact(size)
-            .map(|bytes| kind.value(word(bytes, true)))
-            .collect())
+        let mut values = read::room(count, "an array of a mesh")?;
+        values.extend(data.chunks_exact(size).map(|bytes| kind.value(word(bytes, true))));
+        Ok(values)
     }
 
     /// Metadata run to the next blank line.

@@ -1,9 +1,10 @@
 //! The numbers of the arrays of a `.vtu` file, in each of its encodings.
 
 use super::super::kind::{Kind, word};
-use super::packed::{Source, inflate, plain};
+use super::packed::{Packed, Source};
 use super::tags::{Scanner, Tag};
 use super::{Fault, quote};
+use crate::read;
 
 /// What holds for all arrays of a file.
 pub(super) struct Encoding {
@@ -18,10 +19,16 @@ impl Encoding {
             let found = tag.get(key).unwrap_or(default);
             match choices.iter().position(|choice| *choice == found) {
                 Some(place) => Ok(place == 1),
-                None => Err(Fault::at(tag.at, format!("{key}=`{found}`"), choices.join(" or "))),
+                None => {
+                    let choices = choices.map(|choice| if choice.is_empty() { "none" } else { choice });
+                    Err(Fault::at(tag.at, format!("{key}=`{found}`"), choices.join(" or ")))
+                }
             }
         };
-        choose("type", "", ["UnstructuredGrid", "UnstructuredGrid"])?;
+        if tag.get("type") != Some("UnstructuredGrid") {
+            let found = format!("type=`{}`", tag.get("type").unwrap_or_default());
+            return Err(Fault::at(tag.at, found, "UnstructuredGrid"));
+        }
         Ok(Encoding {
             big_endian: choose("byte_order", "LittleEndian", ["LittleEndian", "BigEndian"])?,
             wide_header: choose("header_type", "UInt32", ["UInt32", "UInt64"])?,
@@ -68,15 +75,24 @@ impl<'a> Appended<'a> {
     }
 }
 
-/// The numbers of one array.
+/// The numbers of one array, of which there must be `count` (none: more than memory can have).
 pub(super) fn values(
     tag: &Tag,
     text: (usize, &[u8]),
     file: &Encoding,
     appended: Option<&Appended>,
+    count: Option<usize>,
 ) -> Result<Vec<f64>, Fault> {
+    let name = tag.get("Name").unwrap_or_default();
+    let fault = |found: String| {
+        let expected = count.map_or("a count that fits in memory".to_owned(), |count| {
+            format!("{count} values")
+        });
+        Fault::at(tag.at, format!("{found} in `{name}`"), expected)
+    };
+    let count = count.ok_or_else(|| fault("too many values".to_owned()))?;
     let (at, source) = match tag.get("format").unwrap_or("ascii") {
-        "ascii" => return ascii(text),
+        "ascii" => return ascii(text, count, fault),
         "binary" => (text.0, Source::Base64(text.1.trim_ascii())),
         "appended" => {
             let offset = tag.count("offset")?;
@@ -105,28 +121,43 @@ pub(super) fn values(
             ));
         }
     };
-    let bytes = if file.zlib {
-        inflate(at, source, file)?
-    } else {
-        plain(at, source, file)?
+    let kind = kind(tag)?;
+    let packed = match file.zlib {
+        true => Packed::zlib(at, source, file)?,
+        false => Packed::plain(at, source, file)?,
     };
-    numbers(tag, &bytes, file)
+    if count.checked_mul(kind.size()) != Some(packed.size) {
+        let found = format!("{} bytes ({} a value)", packed.size, kind.size());
+        return Err(fault(found));
+    }
+    let mut values = read::room(count, "an array of a mesh")?;
+    let bytes = packed.bytes()?;
+    let numbers = bytes.chunks_exact(kind.size());
+    values.extend(numbers.map(|bytes| kind.value(file.word(bytes))));
+    Ok(values)
 }
 
-fn ascii((at, text): (usize, &[u8])) -> Result<Vec<f64>, Fault> {
+fn ascii((at, text): (usize, &[u8]), count: usize, fault: impl Fn(String) -> Fault) -> Result<Vec<f64>, Fault> {
     let words = text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
-    words
-        .map(|word| {
-            let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
-            let offset = at + (word.as_ptr() as usize - text.as_ptr() as usize);
-            value.ok_or_else(|| Fault::at(offset, quote(word), "a number"))
-        })
-        .collect()
+    // Each takes at least a digit and a blank.
+    let mut values = read::room(count.min(text.len() / 2 + 1), "an array of a mesh")?;
+    for word in words {
+        if values.len() == count {
+            return Err(fault(format!("more than {count} values")));
+        }
+        let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        let offset = at + (word.as_ptr() as usize - text.as_ptr() as usize);
+        values.push(value.ok_or_else(|| Fault::at(offset, quote(word), "a number"))?);
+    }
+    match values.len() == count {
+        true => Ok(values),
+        false => Err(fault(format!("{} values", values.len()))),
+    }
 }
 
-fn numbers(tag: &Tag, bytes: &[u8], file: &Encoding) -> Result<Vec<f64>, Fault> {
+fn kind(tag: &Tag) -> Result<Kind, Fault> {
     let name = tag.get("type").unwrap_or_default();
-    let kind = match name {
+    Ok(match name {
         "Float32" => Kind::F32,
         "Float64" => Kind::F64,
         "Int8" => Kind::I8,
@@ -144,17 +175,5 @@ fn numbers(tag: &Tag, bytes: &[u8], file: &Encoding) -> Result<Vec<f64>, Fault> 
                 "Float32, Float64 or an integer type",
             ));
         }
-    };
-    let size = kind.size();
-    if !bytes.len().is_multiple_of(size) {
-        return Err(Fault::at(
-            tag.at,
-            format!("{} bytes", bytes.len()),
-            format!("a multiple of {size} for {name}"),
-        ));
-    }
-    Ok(bytes
-        .chunks_exact(size)
-        .map(|bytes| kind.value(file.word(bytes)))
-        .collect())
+    })
 }

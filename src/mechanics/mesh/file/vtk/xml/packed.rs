@@ -7,6 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::Fault;
 use super::data::Encoding;
+use crate::read;
 
 /// Zlib shrinks by 1032 to 1 at best: a block that claims more is a broken or hostile header.
 const ZLIB_RATIO: usize = 1032;
@@ -21,29 +22,30 @@ pub(super) enum Source<'a> {
 impl Source<'_> {
     /// The first `count` bytes, and how far into the source they and any base64 padding reach.
     fn take(&self, at: usize, skip: usize, count: usize) -> Result<(Vec<u8>, usize), Fault> {
-        let short = |held: usize| {
-            Fault::at(
-                at + skip,
-                format!("{} encoded bytes to the end", held.saturating_sub(skip)),
-                format!("{count} bytes of data"),
-            )
+        let short = |left: usize| {
+            let found = match self {
+                Source::Raw(_) => format!("{left} bytes to the end"),
+                Source::Base64(_) => format!("{left} base64 characters to the end, of {} bytes", left / 4 * 3),
+            };
+            Fault::at(at + skip, found, format!("{count} bytes of data"))
+        };
+        let left = match self {
+            Source::Raw(bytes) | Source::Base64(bytes) => bytes.len().saturating_sub(skip),
         };
         match self {
             Source::Raw(bytes) => {
-                let end = skip.checked_add(count).ok_or_else(|| short(bytes.len()))?;
-                let data = bytes.get(skip..end).ok_or_else(|| short(bytes.len()))?;
+                let end = skip.checked_add(count).ok_or_else(|| short(left))?;
+                let data = bytes.get(skip..end).ok_or_else(|| short(left))?;
                 Ok((data.to_vec(), end))
             }
             Source::Base64(bytes) => {
                 let end = count.div_ceil(3).checked_mul(4).and_then(|size| size.checked_add(skip));
-                let text = end
-                    .and_then(|end| bytes.get(skip..end))
-                    .ok_or_else(|| short(bytes.len()))?;
+                let text = end.and_then(|end| bytes.get(skip..end)).ok_or_else(|| short(left))?;
                 let mut data = STANDARD
                     .decode(text)
                     .map_err(|error| Fault::at(at + skip, format!("broken base64 ({error})"), "base64 data"))?;
                 if data.len() < count {
-                    return Err(short(bytes.len()));
+                    return Err(short(left));
                 }
                 data.truncate(count);
                 Ok((data, skip + text.len()))
@@ -52,79 +54,99 @@ impl Source<'_> {
     }
 }
 
-/// Uncompressed: the byte count, then the bytes, encoded as one.
-pub(super) fn plain(at: usize, source: Source, file: &Encoding) -> Result<Vec<u8>, Fault> {
-    let header = file.header_size();
-    let (count, _) = source.take(at, 0, header)?;
-    let count = usize::try_from(file.word(&count))
-        .ok()
-        .and_then(|count| count.checked_add(header));
-    let count = count.ok_or_else(|| Fault::at(at, "a byte count beyond memory", "the size of the array"))?;
-    let (mut bytes, _) = source.take(at, 0, count)?;
-    bytes.drain(..header);
-    Ok(bytes)
+/// The bytes of an array before they are unpacked.
+pub(super) struct Packed<'a> {
+    /// Their number, unpacked, as the header has it.
+    pub size: usize,
+    at: usize,
+    source: Source<'a>,
+    /// Bytes of the source before the first block.
+    skip: usize,
+    /// Packed and unpacked size of each block; none where nothing is compressed.
+    blocks: Option<Vec<(usize, usize)>>,
 }
 
-/// Compressed: the number of blocks, their size, the size of the last partial block (0: none), the compressed sizes; then,
-/// encoded apart, the blocks.
-pub(super) fn inflate(at: usize, source: Source, file: &Encoding) -> Result<Vec<u8>, Fault> {
-    let width = file.header_size();
-    let words = |bytes: &[u8]| -> Option<Vec<usize>> {
-        bytes
-            .chunks_exact(width)
-            .map(|word| usize::try_from(file.word(word)).ok())
-            .collect()
-    };
-    let beyond = || Fault::at(at, "block sizes beyond memory", "the sizes of compressed blocks");
-    let blocks = words(&source.take(at, 0, width)?.0).ok_or_else(beyond)?[0];
-    if blocks == 0 {
-        return Ok(Vec::new());
+impl<'a> Packed<'a> {
+    /// Uncompressed: the byte count, then the bytes, encoded as one.
+    pub fn plain(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+        let (count, _) = source.take(at, 0, file.header_size())?;
+        let size = usize::try_from(file.word(&count)).ok();
+        Ok(Packed {
+            size: size.ok_or_else(|| Fault::at(at, "a byte count beyond memory", "the size of the array"))?,
+            at,
+            source,
+            skip: file.header_size(),
+            blocks: None,
+        })
     }
-    let size = blocks
-        .checked_add(3)
-        .and_then(|words| words.checked_mul(width))
-        .ok_or_else(beyond)?;
-    let (header, mut skip) = source.take(at, 0, size)?;
-    let header = words(&header).ok_or_else(beyond)?;
-    let (full, partial, sizes) = (header[1], header[2], &header[3..]);
-    let packed = sizes
-        .iter()
-        .try_fold(0usize, |sum, size| sum.checked_add(*size))
-        .ok_or_else(beyond)?;
-    let (packed, _) = source.take(at, skip, packed)?;
-    let mut rest = packed.as_slice();
-    let mut out = Vec::new();
-    for (block, &size) in sizes.iter().enumerate() {
-        let (data, tail) = rest.split_at(size);
-        let expected = if block + 1 == blocks && partial > 0 {
-            partial
-        } else {
-            full
+
+    /// Compressed: the number of blocks, their size, the size of the last partial block (0: none), the compressed sizes; then,
+    /// encoded apart, the blocks.
+    pub fn zlib(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
+        let width = file.header_size();
+        let word = |bytes: &[u8]| usize::try_from(file.word(bytes)).ok();
+        let beyond = || Fault::at(at, "block sizes beyond memory", "the sizes of compressed blocks");
+        let count = word(&source.take(at, 0, width)?.0).ok_or_else(beyond)?;
+        let mut packed = Packed {
+            size: 0,
+            at,
+            source,
+            skip: width,
+            blocks: Some(Vec::new()),
         };
-        if expected > size.saturating_mul(ZLIB_RATIO) {
-            return Err(Fault::at(
-                at + skip,
-                format!("block {block} of {size} bytes claiming {expected}"),
-                "a zlib block",
-            ));
+        if count == 0 {
+            return Ok(packed);
         }
-        let before = out.len();
-        flate2::read::ZlibDecoder::new(data)
-            .take(expected as u64 + 1)
-            .read_to_end(&mut out)
-            .map_err(|error| {
-                Fault::at(
-                    at + skip,
-                    format!("broken zlib data in block {block} ({error})"),
-                    "a zlib block",
-                )
-            })?;
-        if out.len() - before != expected {
-            let found = format!("{} bytes in block {block}", out.len() - before);
-            return Err(Fault::at(at + skip, found, format!("{expected}")));
+        let words = count.checked_add(3).and_then(|words| words.checked_mul(width));
+        let (header, skip) = source.take(at, 0, words.ok_or_else(beyond)?)?;
+        let header: Option<Vec<usize>> = header.chunks_exact(width).map(word).collect();
+        let header = header.ok_or_else(beyond)?;
+        let (full, partial) = (header[1], header[2]);
+        let last = if partial > 0 { partial } else { full };
+        let unpacked = (0..count).map(|block| if block + 1 == count { last } else { full });
+        let blocks: Vec<_> = header[3..].iter().copied().zip(unpacked).collect();
+        for (block, &(size, unpacked)) in blocks.iter().enumerate() {
+            if unpacked > size.saturating_mul(ZLIB_RATIO) {
+                let found = format!("block {block} of {size} bytes claiming {unpacked}");
+                return Err(Fault::at(at, found, "a zlib block"));
+            }
+            packed.size = packed.size.checked_add(unpacked).ok_or_else(beyond)?;
         }
-        skip += if matches!(source, Source::Raw(_)) { size } else { 0 };
-        rest = tail;
+        (packed.skip, packed.blocks) = (skip, Some(blocks));
+        Ok(packed)
     }
-    Ok(out)
+
+    /// The bytes, exactly as many as the header has.
+    pub fn bytes(&self) -> Result<Vec<u8>, Fault> {
+        let Some(blocks) = &self.blocks else {
+            let beyond = || Fault::at(self.at, "a byte count beyond memory", "the size of the array");
+            let all = self.size.checked_add(self.skip).ok_or_else(beyond)?;
+            let (mut bytes, _) = self.source.take(self.at, 0, all)?;
+            bytes.drain(..self.skip);
+            return Ok(bytes);
+        };
+        let beyond = || Fault::at(self.at, "block sizes beyond memory", "the sizes of compressed blocks");
+        let sizes = blocks.iter().try_fold(0usize, |sum, (size, _)| sum.checked_add(*size));
+        let (packed, _) = self.source.take(self.at, self.skip, sizes.ok_or_else(beyond)?)?;
+        let (mut rest, mut at) = (packed.as_slice(), self.at + self.skip);
+        let mut out = read::room(self.size, "an array of a mesh")?;
+        for (block, &(size, expected)) in blocks.iter().enumerate() {
+            let (data, tail) = rest.split_at(size);
+            let before = out.len();
+            let inflated = flate2::read::ZlibDecoder::new(data)
+                .take(expected as u64 + 1)
+                .read_to_end(&mut out);
+            if let Err(error) = inflated {
+                let found = format!("broken zlib data in block {block} ({error})");
+                return Err(Fault::at(at, found, "a zlib block"));
+            }
+            if out.len() - before != expected {
+                let found = format!("{} bytes in block {block}", out.len() - before);
+                return Err(Fault::at(at, found, format!("{expected}")));
+            }
+            at += if matches!(self.source, Source::Raw(_)) { size } else { 0 };
+            rest = tail;
+        }
+        Ok(out)
+    }
 }

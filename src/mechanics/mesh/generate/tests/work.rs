@@ -1,0 +1,68 @@
+//! Bounded work, whatever the shape of the voxels: counted, not timed.
+
+use nalgebra::Matrix3;
+use proptest::prelude::*;
+
+use super::*;
+
+/// Most work for each node that is asked for, where a mesh of so many or none is found; shapes here take a third of it.
+const PER_NODE: u64 = 3_000_000;
+
+/// Result and work.
+fn counted(volume: &Volume, nodes: usize) -> (Result<Generated, GenerateError>, u64) {
+    let sampler = Sampler::new();
+    let found = generate_with(&sampler, &volume.grid(), nodes, &GenerateOptions::default(), |_| {});
+    (found, sampler.work())
+}
+
+fn flat(spacing: [f64; 3]) -> Volume {
+    Volume::new([16; 3], spacing, |_| 1)
+}
+
+#[test]
+fn tissue_too_thin_for_its_extent_is_refused_at_once() {
+    let slice = Volume::new([16, 16, 1], [1.0, 1.0, 1e-3], |_| 1);
+    let mut sheared = flat([5.0; 3]);
+    sheared.index_to_world[(0, 2)] = 5000.0;
+    for volume in [flat([5.0, 0.001, 5.0]), slice, sheared] {
+        for nodes in [60, 20_000] {
+            let (found, work) = counted(&volume, nodes);
+            assert!(matches!(found, Err(GenerateError::TooThin { .. })), "{found:?}");
+            assert_eq!(work, 0, "{nodes} nodes");
+        }
+    }
+}
+
+#[test]
+fn elements_without_volume_where_they_lie_are_refused() {
+    let mut volume = flat([5.0; 3]);
+    volume.index_to_world[(0, 3)] = 1e20;
+    assert_eq!(counted(&volume, 60).0.unwrap_err(), GenerateError::Far);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, cases: 16, ..ProptestConfig::default() })]
+
+    #[test]
+    fn work_is_bounded_for_voxels_of_any_shape(
+        size in prop::array::uniform3(1usize..17),
+        lengths in prop::array::uniform3(-3.0..3.7f64),
+        shear in prop::array::uniform3(-3.0..3.0f64),
+        radius in 0.05..1.0f64,
+        nodes in 8usize..120,
+        around in 0u8..3,
+    ) {
+        let spacing = lengths.map(|length| 10f64.powf(length));
+        let extent = [0, 1, 2].map(|axis| size[axis] as f64 * spacing[axis]);
+        let mut volume = Volume::new(size, spacing, |at| {
+            let off: f64 = (0..3).map(|axis| (2.0 * at[axis] / extent[axis] - 1.0).powi(2)).sum();
+            if off <= 3.0 * radius * radius { 1 } else { around }
+        });
+        let [x, y, z] = shear.map(|x| x * x * x);
+        volume.index_to_world = Matrix3::new(1.0, x, y, 0.0, 1.0, z, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
+        let (found, work) = counted(&volume, nodes);
+        // The search ends with the budget that is tried when its work is done, at most twice the one before.
+        let most = nodes as u64 * PER_NODE + 4 * budget::MOST_SEARCH;
+        prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, found.map(|found| found.report));
+    }
+}
