@@ -88,6 +88,12 @@ pub(crate) fn whole(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// As [`whole`], as text.
+pub(crate) fn text(path: &Path, kind: Kind) -> io::Result<String> {
+    let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
+    whole(path, kind).and_then(utf8)
+}
+
 /// Room for exactly `count` values, which are part of `what`; checked before any of it is taken.
 pub(crate) fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
     let needed = (count as u64).saturating_mul(size_of::<T>() as u64);

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::read;
 use crate::volume::{At, VolumeError};
 
 /// Headers of the column of values and of that of names, without capitals, blanks and punctuation; the first that is there counts.
@@ -24,7 +25,7 @@ impl Names {
     /// [`VolumeError`] with the line, for tables that are none of these, values that are no whole numbers, and values with
     /// two names.
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
-        let text = std::fs::read_to_string(path).map_err(|cause| VolumeError::read(path, cause))?;
+        let text = read::text(path, read::CSV).map_err(|cause| VolumeError::read(path, cause))?;
         let mut names = Self {
             path: path.to_owned(),
             by_value: BTreeMap::new(),

@@ -146,13 +146,10 @@ impl PlusCalibration {
     /// Reads the `Transform` elements under `CoordinateDefinitions`, and the first `TransducerCenterPixel`, of a PLUS
     /// configuration file (XML).
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
-        let text = read::whole(path, read::XML)
-            .and_then(utf8)
-            .map_err(|source| CalibrationError::Read {
-                path: path.to_owned(),
-                source,
-            })?;
+        let text = read::text(path, read::XML).map_err(|source| CalibrationError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
         Self::parse(&text, path)
     }
 
