@@ -25,6 +25,11 @@ pub const POSES: &str =
 pub const AIMED: &str = "time_s,x_mm,y_mm,z_mm,dx,dy,dz,lx,ly,lz\n0,0,-20,0,0,1,0,1,0,0\n1,5,-20,1,0,1,0.1,1,0,0\n";
 pub const MATRICES: &str =
     "time_s,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23,m30,m31,m32,m33\n0,1,0,0,3,0,1,0,4,0,0,1,5,0,0,0,1\n";
+pub const NAMES_OF_LABELS: [&str; 3] = [
+    "value,name\n1,liver\n2,spleen\n",
+    "1 liver 255 0 0 255\n2 spleen 0 0 0 255\n",
+    "  40  255 0 0  1 1 1  \"right lung\"\n",
+];
 pub const POINTS: &str = "stretch,stress_kpa\n1.0,0.0\n0.95,-1.98\n0.90,-4.1\n0.85,-6.9\n0.8,-10.2\n0.7,-20\n";
 pub const COSTS: &str = r#"{"measured": "frames", "errors": "mm", "base_ms": 1.5, "dials": [
     {"keys": ["lines", "samples"], "rungs": [{"values": ["64", "128"], "extra_ms": 0.1, "error": 2}, {"values": ["256", "512"], "extra_ms": 4, "error": 0}]},

@@ -17,7 +17,7 @@ use insonify::quality::cache::Cache;
 use insonify::quality::{Costs, pick};
 use insonify::scenario::{self, ScenarioFile, SceneSource};
 use insonify::scene::{self, ImageSpec, SceneFile};
-use insonify::segmentation::{self, Naming};
+use insonify::segmentation::{self, Names, Naming};
 use insonify::statics::{self, ProblemFile};
 use insonify::synth::{Backend, FrameState, Synthesizer};
 use insonify::tracking::calibration::{PlusCalibration, transducer_to_probe};
@@ -206,6 +206,7 @@ pub fn all(folder: &Path) -> Vec<Format> {
             poses,
         ),
         of("points", "case.csv", false, text(&[corpus::POINTS]), stretches),
+        of("names", "case.csv", false, text(&corpus::NAMES_OF_LABELS), names),
         of("plus-xml", "case.xml", false, text(&[corpus::XML]), calibration),
         of("costs", "case.json", false, text(&[corpus::COSTS]), costs),
     ]
@@ -393,6 +394,10 @@ fn poses(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     let outcome = Trajectory::from_csv(path, Default::default());
     bounded(outcome.map(|path| path.at(0.25)));
     Ok(())
+}
+
+fn names(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+    Ok(Names::read(path).map(drop)?)
 }
 
 fn stretches(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
