@@ -12,6 +12,7 @@ mod insert;
 mod inspect;
 mod material;
 mod mesh;
+mod output;
 mod phantom;
 mod plan;
 mod puncture;
@@ -19,13 +20,12 @@ mod quality;
 mod render;
 mod scene;
 mod schema;
+mod signals;
 mod solve;
 mod stability;
 mod study;
-mod svg;
 mod terminal;
 mod tradeoff;
-mod vtu;
 
 use std::process::ExitCode;
 
@@ -86,6 +86,9 @@ enum Command {
 impl Cli {
     /// Does what was asked.
     pub fn run(self) -> Result<(), Failure> {
+        if let Err(cause) = signals::watch() {
+            terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
+        }
         match self.command {
             Command::Render(render) => render.run(),
             Command::Plan(plan) => plan.run(),

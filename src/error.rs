@@ -13,6 +13,7 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
 use crate::output::atomic::WriteError;
+use crate::output::place::PlaceError;
 use crate::output::png::PngError;
 use crate::output::sequence::SequenceError;
 use crate::phantom::PhantomError;
@@ -112,6 +113,9 @@ pub enum Error {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+    /// An output cannot be where it was asked for.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
 }
 
 /// Exit status for what the machine could not do.
@@ -140,6 +144,7 @@ impl Error {
             Self::Compare(error) => error.is_machine(),
             Self::Png(error) => error.is_machine(),
             Self::Sequence(error) => error.is_machine(),
+            Self::Place(error) => error.is_machine(),
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
             Self::Step(_)
             | Self::InsertionStudy(_)

@@ -17,7 +17,8 @@ use nalgebra::Matrix4;
 use super::backend::{BackendArgs, BackendName, needs_of};
 use super::failure::Failure;
 use super::input::Input;
-use super::study::{Printed, made};
+use super::output::Force;
+use super::study::Printed;
 use super::terminal;
 
 const TEACHING: &str = "\
@@ -60,6 +61,8 @@ pub struct Bench {
     /// Folder for index.html, the tables and plots of --compare; made if it is not there
     #[arg(short, long, value_name = "DIR", requires = "compare")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 impl Bench {
@@ -123,7 +126,6 @@ impl Bench {
                 "ask for auto, cpu or gpu",
             ));
         }
-        self.output.as_deref().map_or(Ok(()), made)?;
         let scene = match self.input.is_default() {
             true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
             false => self.input.scene(&self.backend, self.json)?.0,
@@ -140,7 +142,7 @@ impl Bench {
             settings: &scene.settings,
             state: &state,
         };
-        Printed::new(self.output.clone(), self.json).run(|progress| {
+        Printed::new(self.output.clone(), self.force, self.json).run(|progress| {
             let mut study = compare(&subject, &options, progress)?;
             study.notes.extend(missing);
             Ok(study)

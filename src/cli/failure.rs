@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::io;
-use std::path::PathBuf;
 
 use insonify::beam_case::BeamCaseError;
 use insonify::beam_case::points::PointsError;
@@ -14,6 +13,7 @@ use insonify::mechanics::mesh::file::MeshFileError;
 use insonify::mechanics::mesh::generate::GenerateError;
 use insonify::mechanics::needle::beam::BeamError;
 use insonify::output::atomic::WriteError;
+use insonify::output::place::PlaceError;
 use insonify::output::png::PngError;
 use insonify::output::sequence::SequenceError;
 use insonify::phantom::PhantomError;
@@ -46,14 +46,6 @@ pub enum Failure {
         found: String,
         /// What to ask.
         help: String,
-    },
-    /// A folder for frames cannot be made.
-    #[error("{}: no folder can be made there: {cause}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// What the system said.
-        cause: io::Error,
     },
     /// Hard cases that do not hold; they have been shown.
     #[error("{failed} of {cases} hard cases do not hold")]
@@ -92,7 +84,7 @@ impl Failure {
         match self {
             Self::Library(error) => error.exit_status(),
             Self::Usage { .. } => INPUT,
-            Self::Folder { .. } | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -102,7 +94,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Folder { .. } | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
+            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
         }
     }
 
@@ -152,6 +144,7 @@ from_library!(
     MaterialCaseError,
     MeshFileError,
     PhantomError,
+    PlaceError,
     PlotError,
     PngError,
     PointsError,

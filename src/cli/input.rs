@@ -10,6 +10,7 @@ use insonify::volume::VolumeError;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
+use super::output::inputs;
 use super::quality::QualityArgs;
 use super::terminal::{note, warn};
 
@@ -83,6 +84,13 @@ impl Input {
         self.amend(&mut file);
         let base = self.scene.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
         Ok(file.resolve(base)?)
+    }
+
+    /// Files that the command reads.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files = self.scene.as_deref().map_or_else(Vec::new, inputs);
+        files.extend(self.labels.iter().chain(&self.names.file).cloned());
+        files
     }
 
     /// Reads the scene and all that it names, and tells what was assumed (unless `quiet`) and what is odd. Where it says how long a

@@ -1,6 +1,5 @@
 //! `insonify insert`: a needle goes in.
 
-mod staging;
 mod writer;
 
 use std::path::{Path, PathBuf};
@@ -14,10 +13,10 @@ use serde::Serialize;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
+use super::output::{Force, inputs};
 use super::quality::QualityArgs;
 use super::terminal;
-use staging::Staging;
-use writer::Writer;
+use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
 The scenario file names a scene (what is imaged, and how the probe lies or moves) and says what moves through it:
@@ -51,7 +50,7 @@ Examples:
 Writes out/steps.csv (a line a step: poses, tip, force and torque on the hand in the needle's base frame and in the world, force on
 the probe, contacts, milliseconds), out/plots, out/index.html that shows them, and out/summary.json. Forces on the hand are what the
 needle does to it: along the base's z axis, which points into the body, they are negative while the needle is pushed in.
-What stood there under these names is replaced when the run is done, and only then.
+Files of the run before, which out/insonify.json lists, are replaced when the run is done, and only then; other files stay.
 Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could not do.";
 
 /// Moves a needle through tissue: forces, deformation and, on request, the ultrasound frames that follow
@@ -76,6 +75,8 @@ pub struct Insert {
     /// Write the deformed mesh every so many milliseconds of simulated time
     #[arg(long, value_name = "MS", value_parser = period)]
     vtu: Option<f64>,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     backend: BackendArgs,
     #[command(flatten)]
@@ -116,7 +117,7 @@ impl Insert {
             return terminal::emit(named.map_or("", |(_, text)| *text));
         };
         self.backend.check()?;
-        let staging = Staging::beside(output)?;
+        let folder = self.force.folder(output, "insert", FILES, &inputs(path))?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
         let asked = Asked {
@@ -133,7 +134,7 @@ impl Insert {
         });
         bar.finish_and_clear();
         let mut model = model?;
-        let mut writer = Writer::new(&scenario, staging.folder(), self.quiet)?;
+        let mut writer = Writer::new(&scenario, folder.path(), asked, self.quiet)?;
         if asked.frames {
             let anatomy = scenario.scene.anatomy.clone();
             let chosen = self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?;
@@ -148,7 +149,7 @@ impl Insert {
             summary: &summary,
         };
         writer.finish(&name, &summary, &report)?;
-        staging.install()?;
+        folder.install()?;
 
         summary.warnings[scenario.warnings.len()..]
             .iter()

@@ -6,7 +6,8 @@ use clap::Args;
 use insonify::material_case::{self, CaseFile};
 
 use super::failure::Failure;
-use super::{svg, terminal};
+use super::output::{self, Force};
+use super::terminal;
 
 const EXAMPLES: &str = "\
 The case file names a law, its numbers, and a history of stress or strain; the other of the two is answered:
@@ -50,6 +51,8 @@ pub struct Material {
     /// Plot what answers against time
     #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Put the material through the measurements of Kobayashi et al. 2010 in place of its history: plots, one SVG file each
     #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
     rheometer: Option<PathBuf>,
@@ -60,23 +63,24 @@ impl Material {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(material_case::EXAMPLE);
         };
-        self.output.as_deref().map_or(Ok(()), svg::check)?;
+        let inputs = output::inputs(path);
+        if let Some(output) = &self.output {
+            self.force.check_ending(output, "svg", "plots", &inputs)?;
+        }
         let case = CaseFile::read(path)?.resolve()?;
-        if let Some(folder) = &self.rheometer {
+        if let Some(target) = &self.rheometer {
+            let folder = self.force.folder(target, "material", &[], &inputs)?;
             let tests = case.rheometer()?;
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
             for (stem, plot) in tests.plots() {
-                svg::write(&folder.join(stem).with_extension("svg"), &plot)?;
+                output::plot(&folder.path().join(stem).with_extension("svg"), &plot)?;
             }
+            folder.install()?;
             return terminal::emit(&tests.to_string());
         }
         let report = case.run()?;
         report.warnings().iter().for_each(terminal::warn);
         if let Some(output) = &self.output {
-            svg::write(output, &report.plot())?;
+            output::plot(output, &report.plot())?;
         }
         if self.json {
             terminal::emit_json(&report)

@@ -8,6 +8,7 @@ use insonify::segmentation::{Info, Segmentation};
 use insonify::volume::save;
 
 use super::failure::Failure;
+use super::output::Force;
 use super::terminal;
 
 /// Makes a labelled volume from code and writes it
@@ -19,6 +20,8 @@ pub struct Phantom {
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    force: Force,
     /// Edge of a voxel, mm (0.3 to 5); the phantom's own by default
     #[arg(long, value_name = "MM")]
     resolution_mm: Option<f64>,
@@ -29,6 +32,7 @@ pub struct Phantom {
 
 impl Phantom {
     pub fn run(&self) -> Result<(), Failure> {
+        self.force.check(&[&self.output], &[])?;
         let options = PhantomOptions {
             resolution_mm: self.resolution_mm,
             seed: self.seed,

@@ -1,15 +1,14 @@
 //! `insonify puncture`: a needle goes into a slice of liver with a vein.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use insonify::output::atomic;
 use insonify::study::puncture::fit::{self, Fitted};
 use insonify::study::puncture::{self, PunctureOptions, curves, puncture};
 use serde::Serialize;
 
 use super::failure::Failure;
+use super::output::{self, Force};
 use super::terminal;
 
 const TEACHING: &str = "\
@@ -69,6 +68,8 @@ pub struct Puncture {
     /// Folder for force.csv, force.svg and pictures of the slice; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Print one JSON object to standard output: `options`, and `rows`, one a step; with --fit also `fit`
     #[arg(long)]
     json: bool,
@@ -91,6 +92,12 @@ impl Puncture {
             wall_n: self.wall_n,
             ..PunctureOptions::default()
         };
+        let inputs: Vec<PathBuf> = self.fit.iter().cloned().collect();
+        let open = |target: &PathBuf| {
+            let names = ["force.csv", "force.svg"];
+            self.force.folder(target, "puncture", &names, &inputs)
+        };
+        let folder = self.output.as_ref().map(open).transpose()?;
         let fitted = self
             .fit
             .as_deref()
@@ -127,17 +134,15 @@ impl Puncture {
         }
         bar.finish_and_clear();
         let asked = &runs[0].1;
-        if let Some(folder) = &self.output {
-            std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                path: folder.clone(),
-                cause,
-            })?;
+        if let Some(folder) = folder {
+            let at = |name: &str| folder.path().join(name);
             let plot = curves(&runs.iter().map(|(name, run)| (*name, run)).collect::<Vec<_>>())?;
-            write(&folder.join("force.svg"), &plot)?;
-            write(&folder.join("force.csv"), &asked.csv())?;
+            output::text(&at("force.svg"), &plot)?;
+            output::text(&at("force.csv"), &asked.csv())?;
             for (name, picture) in &asked.pictures {
-                write(&folder.join(format!("{name}.svg")), picture)?;
+                output::text(&at(&format!("{name}.svg")), picture)?;
             }
+            folder.install()?;
         }
         if self.json {
             terminal::emit_json(&Told {
@@ -189,8 +194,4 @@ fn name(options: &PunctureOptions) -> &'static str {
         (false, true) => "elastic",
         (false, false) => "linear",
     }
-}
-
-fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
 }

@@ -42,9 +42,13 @@ impl QualityArgs {
         if !quiet {
             terminal::say(format_args!("quality: {what}; it is kept for the next time"));
         }
+        let unkept = |error: &dyn std::fmt::Display| {
+            terminal::warn(format_args!("what is measured cannot be kept: {error}"));
+        };
+        let kept = cache.check(thing).inspect_err(|error| unkept(error)).is_ok();
         let found = measure()?;
-        if let Err(error) = cache.put(thing, &found) {
-            terminal::warn(format_args!("what was measured is not kept: {error}"));
+        if kept {
+            let _ = cache.put(thing, &found).inspect_err(|error| unkept(error));
         }
         Ok(found)
     }

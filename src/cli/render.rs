@@ -1,16 +1,19 @@
 //! `insonify render`: frames of a scene, and what goes with them.
 
 mod coverage;
-mod extras;
+pub mod extras;
+pub mod output;
 pub mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
+use insonify::output::folder::Folder;
+use insonify::output::png;
+use insonify::output::sidecar::Sidecar;
 use insonify::quality::Picked;
 use insonify::scene::Scene;
-use insonify::synth::layers::Layer;
 use insonify::synth::{FrameState, PassTime, Synthesizer};
 use nalgebra::Matrix4;
 use serde::Serialize;
@@ -18,9 +21,11 @@ use serde::Serialize;
 use super::backend::{BackendArgs, Chosen};
 use super::failure::Failure;
 use super::input::Input;
+use super::output::Force;
 use super::terminal;
 use extras::Extras;
-use target::{Output, Target};
+use output::{Output, PARAMETERS, Shot};
+use target::Target;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -28,11 +33,14 @@ Examples:
   insonify render --labels ct.nii.gz --target kidney   a label file alone, the probe over a kidney
   insonify render sweep.toml -o frames                 one numbered picture for each pose of the scene
   insonify render sweep.toml --frames 90 -o sweep.mha  an image sequence with the pose of each frame
-  insonify render my.toml --layers labels,depth --sidecar --overview
+  insonify render my.toml --layers label-value,depth --sidecar --overview
                                                        ground truth beside the frame, for training
 
-Layers are 16-bit pictures beside the frame: labels (label index), displacement (0.01 mm), depth (tissue passed along
-the beam, 0.1 mm), needle (share of the scan plane's thickness, 1/255), shadowed (two-way loss, 0.01 dB).";
+Layers are 16-bit pictures beside the frame, or beside an image sequence sequences like it: label-value (values of the label file, 0
+outside the sector), label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue
+passed along the beam, 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB).
+A folder gets all its frames when the last is done, and insonify.json, which lists them: another run into it takes the place of those.
+What goes beside single frames of a sequence is in a folder of its name; what many sidecars share is in parameters.json.";
 
 /// Renders frames: one to a PNG file, many to a folder or an image sequence
 #[derive(Args)]
@@ -48,18 +56,13 @@ pub struct Render {
     /// How many frames to cut the scene's motion into [default: as many as the scene says]
     #[arg(long, value_name = "N", value_parser = frame_count)]
     frames: Option<usize>,
-    /// Ground truth to write beside each frame
-    #[arg(long, value_name = "LAYER,...", value_enum, value_delimiter = ',')]
-    layers: Vec<Layer>,
-    /// Write a JSON file beside each frame: seed, pose, parameters, needle tip, warnings
-    #[arg(long)]
-    sidecar: bool,
-    /// Write a small picture of the probe against the anatomy beside each frame
-    #[arg(long)]
-    overview: bool,
+    #[command(flatten)]
+    extras: Extras,
     /// Write the labels as they are imaged, the body completed: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(long, value_name = "FILE")]
     save_labels: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
@@ -84,7 +87,7 @@ struct Report {
 
 #[derive(Serialize)]
 struct FrameReport {
-    path: PathBuf,
+    path: String,
     ms: f64,
 }
 
@@ -100,12 +103,14 @@ impl Render {
         self.backend.check()?;
         let (scene, picked) = self.input.scene(&self.backend, self.quiet)?;
         if let Some(path) = &self.save_labels {
+            self.force.check(&[path], &self.input.files())?;
             insonify::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
+        self.extras.check(&scene)?;
         let target = Target::choose(self.output.as_deref(), count)?;
-        let size = scene.settings.image;
-        let output = Output::open(target, size.width, size.height)?;
+        let place = Place::open(target, &self.extras, self.force, &self.input.files())?;
+        let output = Output::open(place.inner.clone(), &self.extras, &scene, count)?;
         let mut chosen = self
             .backend
             .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
@@ -120,7 +125,11 @@ impl Render {
             ));
         }
         chosen.warnings.iter().for_each(terminal::warn);
-        let mut report = self.frames(&scene, &mut chosen, output, count)?;
+        let mut report = self.frames(&scene, &mut chosen, output, &place, count)?;
+        let path = place.install()?;
+        if !self.quiet {
+            terminal::say(report.summary(&path));
+        }
         report.quality = picked;
         if self.json {
             terminal::emit_json(&report)?;
@@ -128,17 +137,16 @@ impl Render {
         Ok(())
     }
 
-    fn frames(&self, scene: &Scene, chosen: &mut Chosen, mut output: Output, count: usize) -> Result<Report, Failure> {
-        let target = output.target.clone();
+    fn frames(
+        &self,
+        scene: &Scene,
+        chosen: &mut Chosen,
+        mut output: Output<'_>,
+        place: &Place,
+        count: usize,
+    ) -> Result<Report, Failure> {
         let synth = &mut chosen.synth;
         synth.time_passes(self.json)?;
-        let extras = Extras {
-            layers: &self.layers,
-            sidecar: self.sidecar,
-            overview: self.overview,
-            scene,
-            target: &target,
-        };
         let mut state = FrameState::at(Matrix4::identity());
         // Of a probe that stays the scene has told it.
         let told = scene.probe_path().keys().len() == 1;
@@ -155,16 +163,23 @@ impl Render {
             let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world, told)
                 .into_iter()
                 .collect();
-            let path = output.write(synth.frame(), frame, scene.time_s(frame, count), &state.probe_to_world)?;
-            extras.write(synth, frame, count, &state, &odd)?;
+            let shot = Shot {
+                number: frame,
+                time_s: scene.time_s(frame, count),
+                state: &state,
+                warnings: &odd,
+            };
+            let path = place.of(&output.write(synth, &shot)?);
             oddities.add(frame, odd);
+            let path = path.to_string_lossy().into_owned();
             frames.push(FrameReport { path, ms });
             bar.inc(1);
         }
         output.finish()?;
         bar.finish_and_clear();
 
-        let found = oddities.summary(count);
+        let mut found = oddities.summary(count);
+        found.extend(repeated(scene, count));
         found.iter().for_each(terminal::warn);
         let mut warnings = scene.warnings.clone();
         warnings.append(&mut chosen.warnings);
@@ -181,10 +196,83 @@ impl Render {
             quality: None,
             warnings,
         };
-        if !self.quiet {
-            terminal::say(report.summary(target.path()));
-        }
         Ok(report)
+    }
+}
+
+/// Said of frames that show one pose.
+fn repeated(scene: &Scene, count: usize) -> Option<String> {
+    let still = count > 1 && scene.time_s(0, count) == scene.time_s(count - 1, count);
+    still.then(|| {
+        format!(
+            "nothing moves in this scene: all {count} frames show the same pose, and only the noise of the receiver differs; \
+             [motion] moves the probe"
+        )
+    })
+}
+
+/// Where frames go, and where they are until the last is done.
+struct Place {
+    /// What was asked for.
+    path: PathBuf,
+    /// Where frames are written.
+    inner: Target,
+    folder: Option<Folder>,
+}
+
+impl Place {
+    /// Looks whether everything can be written where it is to be.
+    fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
+        let path = target.path().to_owned();
+        let layers = extras.layers();
+        let mut files: Vec<PathBuf> = layers
+            .iter()
+            .map(|layer| png::layer_path(&path, layer.name()))
+            .collect();
+        files.insert(0, path.clone());
+        let beside = extras.sidecar || extras.overview;
+        let folder = |folder: &Path| {
+            force
+                .folder(folder, "render", &["frame_", PARAMETERS], inputs)
+                .map(Some)
+        };
+        let check = |files: &[PathBuf]| {
+            let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+            force.check(&files, inputs)
+        };
+        let (inner, folder) = match target {
+            Target::File(file) => {
+                files.extend(extras.overview.then(|| png::layer_path(&file, "overview")));
+                files.extend(extras.sidecar.then(|| Sidecar::path_for(&file)));
+                check(&files)?;
+                (Target::File(file), None)
+            }
+            Target::Folder(target) => {
+                let folder = folder(&target)?;
+                let inner = folder.as_ref().map_or(target, |folder| folder.path().to_owned());
+                (Target::Folder(inner), folder)
+            }
+            Target::Sequence(file, target) => {
+                check(&files)?;
+                let folder = if beside { folder(&target)? } else { None };
+                let inner = folder.as_ref().map_or(target, |folder| folder.path().to_owned());
+                (Target::Sequence(file, inner), folder)
+            }
+        };
+        Ok(Self { path, inner, folder })
+    }
+
+    /// Where a file that was written will be.
+    fn of(&self, file: &Path) -> PathBuf {
+        self.folder
+            .as_ref()
+            .map_or(file.to_owned(), |folder| folder.place(file))
+    }
+
+    /// Moves the frames to where they were asked for; returns that.
+    fn install(self) -> Result<PathBuf, Failure> {
+        self.folder.map_or(Ok(()), Folder::install)?;
+        Ok(self.path)
     }
 }
 

@@ -1,15 +1,14 @@
 //! `insonify solve`: a static problem of tissue mechanics.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use insonify::mechanics::mesh::file::write_vtu;
-use insonify::output::atomic;
 use insonify::statics::{self, Model, ProblemFile, Report};
 
 use super::failure::Failure;
-use super::{terminal, vtu};
+use super::output::{self, Force};
+use super::terminal;
 
 const EXAMPLES: &str = "\
 The problem file names a mesh, [[material]] by region, [[fix]] and [[load]] by node numbers or by a box:
@@ -62,6 +61,8 @@ pub struct Solve {
     /// Write what happened over time: displacements of `report_nodes` (mm) and forces of each fix (N), a row a step
     #[arg(long, value_name = "OUT.csv")]
     history: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -79,7 +80,12 @@ impl Solve {
             (_, Some(Example::Viscoelastic)) => return terminal::emit(statics::CREEP),
             (_, Some(Example::Linear) | None) => return terminal::emit(statics::EXAMPLE),
         };
-        self.output.as_deref().map_or(Ok(()), vtu::check)?;
+        let inputs = output::inputs(path);
+        if let Some(output) = &self.output {
+            self.force.check_ending(output, "vtu", "meshes", &inputs)?;
+        }
+        let outputs: Vec<&Path> = self.output.iter().chain(&self.history).map(PathBuf::as_path).collect();
+        self.force.check(&outputs, &inputs)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let problem = ProblemFile::read(path)?.resolve(folder)?;
         if self.history.is_some() && problem.model() == Model::Linear {
@@ -96,7 +102,7 @@ impl Solve {
         }
         if let (Some(output), Some(history)) = (&self.history, &solved.history) {
             let table = history.csv(problem.report_nodes());
-            atomic::write(output, |file| file.write_all(table.as_bytes()))?;
+            output::text(output, &table)?;
         }
         let report = Report::new(&problem, &solved);
         if self.json {

@@ -1,14 +1,13 @@
 //! `insonify stability`: hard cases, and whether they hold.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use insonify::output::atomic;
 use insonify::study::stability::{Case, Effort, GROUPS, Report, run, select};
 
 use super::failure::Failure;
-use super::study::{made, watched};
+use super::output::{Force, text};
+use super::study::watched;
 use super::terminal;
 
 const TEACHING: &str = "\
@@ -28,6 +27,9 @@ Examples:
 
 Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 some do not; 2 wrong arguments.";
 
+/// Files of a report.
+const FILES: [&str; 4] = ["index.html", "margins.svg", "report.md", "results.json"];
+
 /// Runs the hard cases of the numerics and shows what each must hold to, what was measured, and the margin
 #[derive(Args)]
 #[command(after_help = TEACHING)]
@@ -35,6 +37,8 @@ pub struct Stability {
     /// Write index.html, margins.svg, report.md and results.json, with every figure, into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Smaller counts: seconds instead of minutes
     #[arg(long)]
     quick: bool,
@@ -52,9 +56,13 @@ impl Stability {
         if cases.is_empty() {
             return Err(none_selected(self.only.as_deref().unwrap_or_default()));
         }
-        self.output.as_deref().map_or(Ok(()), made)?;
+        let open = |target: &PathBuf| self.force.folder(target, "stability", &FILES, &[]);
+        let folder = self.output.as_ref().map(open).transpose()?;
         let report = self.measure(&cases);
-        self.output.as_deref().map_or(Ok(()), |folder| write(&report, folder))?;
+        if let Some(folder) = folder {
+            write(&report, folder.path())?;
+            folder.install()?;
+        }
         if self.json {
             terminal::emit_json(&report)?;
         } else {
@@ -78,16 +86,11 @@ impl Stability {
 /// Writes a report into a folder, each file whole or not at all.
 fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
     let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
-    let files = [
-        ("index.html", report.page()),
-        ("margins.svg", report.plot()),
-        ("report.md", report.markdown()),
-        ("results.json", results + "\n"),
-    ];
-    for (name, text) in files {
-        atomic::write(&folder.join(name), |file| file.write_all(text.as_bytes()))?;
-    }
-    Ok(())
+    let texts = [report.page(), report.plot(), report.markdown(), results + "\n"];
+    FILES
+        .iter()
+        .zip(texts)
+        .try_for_each(|(name, content)| text(&folder.join(name), &content))
 }
 
 fn none_selected(only: &str) -> Failure {

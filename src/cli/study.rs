@@ -1,11 +1,12 @@
 //! What commands do with a study that they have made: text or JSON to standard output, files into a folder.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use insonify::study::tradeoff::Study;
 
 use super::failure::Failure;
+use super::output::Force;
 use super::terminal;
 
 /// Where a study goes to.
@@ -14,6 +15,8 @@ pub struct Printed {
     /// Folder for index.html, tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
@@ -24,14 +27,6 @@ pub struct Printed {
 
 /// Is told what a study does, and the share that is done.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
-
-/// Makes a folder where there is none.
-pub fn made(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-        path: folder.to_owned(),
-        cause,
-    })
-}
 
 /// Shows how far something is while it runs.
 pub fn watched<T>(quiet: bool, run: impl FnOnce(Progress<'_>) -> T) -> T {
@@ -46,9 +41,10 @@ pub fn watched<T>(quiet: bool, run: impl FnOnce(Progress<'_>) -> T) -> T {
 
 impl Printed {
     /// For a command that has arguments of its own for it.
-    pub fn new(output: Option<PathBuf>, json: bool) -> Self {
+    pub fn new(output: Option<PathBuf>, force: Force, json: bool) -> Self {
         Self {
             output,
+            force,
             json,
             quiet: json,
         }
@@ -56,12 +52,14 @@ impl Printed {
 
     /// Makes the folder, shows how far `study` is, writes and prints what it found.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
-        self.output.as_deref().map_or(Ok(()), made)?;
+        let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
+        let folder = self.output.as_ref().map(open).transpose()?;
         let study = watched(self.quiet, study)?;
-        if let Some(folder) = &self.output {
-            let files = study.write(folder)?;
+        if let (Some(folder), Some(target)) = (folder, &self.output) {
+            let files = study.write(folder.path())?;
+            folder.install()?;
             if !self.quiet {
-                terminal::say(format_args!("{}: {}", folder.display(), files.join(", ")));
+                terminal::say(format_args!("{}: {}", target.display(), files.join(", ")));
             }
         }
         if self.json {

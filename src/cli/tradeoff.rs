@@ -17,7 +17,8 @@ use insonify::study::tradeoff::report::Report;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
-use super::study::{made, watched};
+use super::output::Force;
+use super::study::watched;
 use super::terminal;
 
 const EXAMPLES: &str = "\
@@ -42,6 +43,8 @@ pub struct Tradeoff {
     /// Folder for index.html, report.md, results.json, results.csv and plots; made if it is not there
     #[arg(short, long, value_name = "DIR", default_value = "tradeoff")]
     output: PathBuf,
+    #[command(flatten)]
+    force: Force,
     /// Small meshes and short ways: minutes become seconds
     #[arg(long)]
     quick: bool,
@@ -101,7 +104,9 @@ impl Tradeoff {
         let wanted = STUDIES.iter().copied();
         let wanted = wanted.filter(|entry| self.only.is_empty() || self.only.iter().any(|name| name == entry.name));
         let wanted: Vec<_> = wanted.collect();
-        made(&self.output)?;
+        let folder = self
+            .force
+            .folder(&self.output, "tradeoff", &["index.html", "results.json"], &[])?;
         let pace = Pace {
             frames: self.frames_per_s,
             steps: self.steps_per_s,
@@ -110,7 +115,8 @@ impl Tradeoff {
         let report = watched(self.quiet, |progress| {
             gather(&wanted, &means, effort(self.quick), pace, progress)
         });
-        let files = report.write(&self.output)?;
+        let files = report.write(folder.path())?;
+        folder.install()?;
         if !self.quiet {
             let folder = self.output.display();
             terminal::say(format_args!("{folder}: {}", files.join(", ")));

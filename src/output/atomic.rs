@@ -1,10 +1,10 @@
 //! Files that appear whole or not at all.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use super::staged::{self, StagedFile};
 
 /// A file that could not be written: always the machine's failure, never that of the input.
 #[derive(Debug, thiserror::Error)]
@@ -19,60 +19,58 @@ pub struct WriteError {
 impl WriteError {
     /// Ties a system error to the file that was asked for.
     pub fn new(path: &Path, cause: io::Error) -> Self {
+        // Without the name of a temporary file, which is gone by now.
+        let said = cause.to_string();
+        let cause = match said.split_once(" at path ") {
+            Some((said, _)) => io::Error::new(cause.kind(), said),
+            None => cause,
+        };
         Self {
-            path: path.to_owned(),
+            path: staged::shown(path),
             cause,
         }
     }
 }
 
 /// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which takes the name only when all
-/// of them are written; on failure nothing is left and an older file of that name stays as it was.
+/// of them are written and, but for files of a [`super::folder::Folder`], on the disk; on failure nothing is left and an older
+/// file of that name stays as it was. A link is followed.
 ///
 /// # Errors
 /// [`WriteError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something that
 /// is not a regular file.
 pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> Result<(), WriteError> {
-    let mut file = create_beside(path)?;
-    let mut buffer = BufWriter::new(file.as_file_mut());
-    fill(&mut buffer)
-        .and_then(|()| buffer.flush())
-        .map_err(|cause| WriteError::new(path, cause))?;
-    drop(buffer);
-    persist(file, path)
+    write_whole(path, fill).map_err(|cause| WriteError::new(path, cause))
 }
 
-/// A temporary file in the folder of `path`, removed when dropped unless [`persist`]ed.
-pub(crate) fn create_beside(path: &Path) -> Result<NamedTempFile, WriteError> {
+fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> io::Result<()> {
     if path.exists() && !path.is_file() {
-        let cause = io::Error::new(io::ErrorKind::InvalidInput, "it exists and is not a regular file");
-        return Err(WriteError::new(path, cause));
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "it exists and is not a regular file",
+        ));
     }
-    let folder = match path.parent() {
+    let path = match path.is_symlink() {
+        true => &fs::canonicalize(path)?,
+        false => path,
+    };
+    let mut staged = StagedFile::within(folder_of(path))?;
+    let mut buffer = BufWriter::new(staged.file.as_file_mut());
+    fill(&mut buffer)?;
+    buffer.flush()?;
+    drop(buffer);
+    if !staged::is_staged(path) {
+        staged.file.as_file().sync_all()?;
+    }
+    staged.persist(path)
+}
+
+/// The folder that a file is in.
+pub(super) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".insonify-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // The process's umask narrows these, as for any file a program creates.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder).map_err(|cause| {
-        // The name of the temporary file is nobody's concern.
-        let said = cause.to_string();
-        let said = said.split(" at path ").next().unwrap_or_default();
-        WriteError::new(path, io::Error::new(cause.kind(), said))
-    })
-}
-
-/// Gives a finished temporary file its name.
-pub(crate) fn persist(file: NamedTempFile, path: &Path) -> Result<(), WriteError> {
-    file.persist(path)
-        .map(drop)
-        .map_err(|failure| WriteError::new(path, failure.error))
 }
 
 #[cfg(test)]
@@ -99,8 +97,20 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let onto_folder = write(folder.path(), |w| w.write_all(b"x")).unwrap_err();
         assert!(onto_folder.to_string().contains("not a regular file"), "{onto_folder}");
-        let missing = write(&folder.path().join("no/such/file"), |w| w.write_all(b"x")).unwrap_err();
-        assert!(!missing.to_string().contains(".insonify-"), "{missing}");
+        let nowhere = write(&folder.path().join("no/such/file"), |w| w.write_all(b"x")).unwrap_err();
+        assert!(!nowhere.to_string().contains(".insonify"), "{nowhere}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link] = ["file", "link"].map(|name| folder.path().join(name));
+        fs::write(&file, "old").unwrap();
+        std::os::unix::fs::symlink("file", &link).unwrap();
+        write(&link, |w| w.write_all(b"new")).unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
     }
 
     #[cfg(unix)]

@@ -7,6 +7,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use super::atomic::{self, WriteError};
+use super::numbered;
 
 /// Why a picture was not written.
 #[derive(Debug, thiserror::Error)]
@@ -83,15 +84,19 @@ fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: Extend
     Ok(())
 }
 
-/// Where frame `frame` of a numbered folder goes: `frame_0000.png`, with more digits from frame 10,000 on.
-pub fn frame_path(folder: &Path, frame: usize) -> PathBuf {
-    folder.join(format!("frame_{frame:04}.png"))
+/// Where frame `frame` of `of` goes in a numbered folder: `frame_0000.png`, with as many digits as the last one has, and 4 at least.
+pub fn frame_path(folder: &Path, frame: usize, of: usize) -> PathBuf {
+    folder.join(format!("frame_{}.png", numbered(frame, of)))
 }
 
-/// Where a layer of a frame goes: beside its picture, `frame_0000_labels.png`.
-pub fn layer_path(frame: &Path, layer: &str) -> PathBuf {
-    let stem = frame.file_stem().unwrap_or_default().to_string_lossy();
-    frame.with_file_name(format!("{stem}_{layer}.png"))
+/// Where a layer of a file goes: beside it, with the layer's name before the ending: `frame_0000_depth.png`.
+pub fn layer_path(file: &Path, layer: &str) -> PathBuf {
+    let mut name = file.file_stem().unwrap_or_default().to_owned();
+    name.push("_");
+    name.push(layer);
+    name.push(".");
+    name.push(file.extension().unwrap_or("png".as_ref()));
+    file.with_file_name(name)
 }
 
 #[cfg(test)]
@@ -102,13 +107,13 @@ mod tests {
     fn pixels_read_back_as_written() {
         let folder = tempfile::tempdir().expect("folder");
         let grey: Vec<u8> = (0..35).map(|i| i * 7).collect();
-        let path = frame_path(folder.path(), 3);
+        let path = frame_path(folder.path(), 3, 5);
         write_grey(&path, 7, 5, &grey).expect("written");
         let image = image::open(&path).expect("png").into_luma8();
         assert_eq!((image.dimensions(), image.into_raw()), ((7, 5), grey.clone()));
         let rgb = &grey[..30];
-        let path = layer_path(&path, "labels");
-        assert!(path.ends_with("frame_0003_labels.png"));
+        let path = layer_path(&path, "depth");
+        assert!(path.ends_with("frame_0003_depth.png"));
         write_rgb(&path, 5, 2, rgb).expect("written");
         let image = image::open(&path).expect("png").into_rgb8();
         assert_eq!((image.dimensions(), image.into_raw()), ((5, 2), rgb.to_vec()));
@@ -162,11 +167,15 @@ mod tests {
     }
 
     #[test]
-    fn frames_sort_by_name_and_long_runs_keep_their_numbers() {
-        let name = |frame| frame_path(Path::new("out"), frame).display().to_string();
+    fn frames_sort_by_name() {
+        let name = |frame, of| frame_path(Path::new("out"), frame, of).display().to_string();
         assert_eq!(
-            (name(0), name(12_345)),
-            ("out/frame_0000.png".into(), "out/frame_12345.png".into())
+            [name(0, 1), name(9_999, 10_000)],
+            ["out/frame_0000.png", "out/frame_9999.png"]
+        );
+        assert_eq!(
+            [name(7, 10_001), name(10_000, 10_001)],
+            ["out/frame_00007.png", "out/frame_10000.png"]
         );
     }
 }

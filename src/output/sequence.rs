@@ -1,4 +1,4 @@
-//! Image sequences with a pose a frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8, orientation MF.
+//! Image sequences with a pose a frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation MF.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -9,7 +9,7 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nalgebra::Matrix4;
 
-use super::atomic::{self, WriteError};
+use super::atomic::{self, WriteError, folder_of};
 
 /// What goes with an image.
 #[derive(Clone, Debug, Default)]
@@ -92,6 +92,8 @@ pub struct SequenceWriter {
     format: Format,
     width: usize,
     height: usize,
+    /// Bytes of a pixel: 1 of images, 2 of layers.
+    depth: usize,
     frames: usize,
     keys: String,
     packer: Packer,
@@ -125,9 +127,8 @@ impl SequenceWriter {
                 height,
             });
         }
-        // Beside the target, so that a full or forbidden folder shows at once; nameless from here on.
-        let beside = atomic::create_beside(path)?;
-        let file = beside.reopen().map_err(|cause| WriteError::new(path, cause))?;
+        // Beside the target, so that a full or forbidden folder shows at once; without a name.
+        let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| WriteError::new(path, cause))?;
         let file = BufWriter::new(file);
         let packer = match format {
             Format::MetaImage => Packer::Zlib(ZlibEncoder::new(file, Compression::default())),
@@ -138,10 +139,20 @@ impl SequenceWriter {
             format,
             width,
             height,
+            depth: 1,
             frames: 0,
             keys: String::new(),
             packer,
         })
+    }
+
+    /// Starts a sequence of layers: pixels of 16 bits, two bytes each (little-endian) in [`SequenceWriter::push`].
+    ///
+    /// # Errors
+    /// As [`SequenceWriter::create`].
+    pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, SequenceError> {
+        let images = Self::create(path, width, height)?;
+        Ok(Self { depth: 2, ..images })
     }
 
     /// Adds a frame: pixels row by row from the near unmarked corner.
@@ -149,11 +160,12 @@ impl SequenceWriter {
     /// # Errors
     /// [`SequenceError::Size`], [`SequenceError::Name`], [`SequenceError::Write`].
     pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), SequenceError> {
-        if self.width.checked_mul(self.height) != Some(pixels.len()) {
+        let expected = self.width.checked_mul(self.height);
+        if expected.and_then(|expected| expected.checked_mul(self.depth)) != Some(pixels.len()) {
             return Err(SequenceError::Size {
                 path: self.path.clone(),
                 frame: self.frames,
-                found: pixels.len(),
+                found: pixels.len() / self.depth,
                 width: self.width,
                 height: self.height,
             });
@@ -246,10 +258,11 @@ impl SequenceWriter {
     }
 
     fn metaimage_header(&self) -> (String, &'static str) {
+        let element = ["MET_UCHAR", "MET_USHORT"][self.depth - 1];
         let head = format!(
             "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
              BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = True\n\
-             DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n\
+             DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = {element}\n\
              Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
              UltrasoundImageOrientation = MF\nUltrasoundImageType = BRIGHTNESS\n",
             self.width, self.height, self.frames
@@ -258,8 +271,9 @@ impl SequenceWriter {
     }
 
     fn nrrd_header(&self) -> (String, &'static str) {
+        let element = ["uint8", "uint16"][self.depth - 1];
         let head = format!(
-            "NRRD0004\ntype: uint8\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
+            "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
              space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: gzip\n\
              space origin: (0,0)\nultrasound image orientation:=MF\nultrasound image type:=BRIGHTNESS\n",
             self.width, self.height, self.frames

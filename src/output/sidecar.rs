@@ -14,7 +14,7 @@ use crate::tracking::pose::Pose;
 use crate::tracking::probe::ImageGrid;
 
 /// The version of the layout of these files.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// What a sidecar says of one frame. Lengths are millimetres, the world is LPS, matrices act on column vectors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -37,8 +37,12 @@ pub struct Sidecar {
     /// The needle, if the scene has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub needle: Option<NeedlePlace>,
-    /// Every parameter of the scene with its default filled in.
-    pub parameters: serde_json::Value,
+    /// Every parameter of the scene with its default filled in, and the table of labels with their tissues.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameters: Option<serde_json::Value>,
+    /// Where they are in place of that, if many frames share them: a file, relative to this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameters_file: Option<String>,
     /// What was odd about the frame.
     pub warnings: Vec<String>,
 }
@@ -58,9 +62,9 @@ pub struct Files {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerFile {
-    /// Which layer: `labels`, `displacement`, `depth`, `needle`, `shadowed`.
+    /// Which layer: `label-value`, `label-index`, `sector`, `displacement`, `depth`, `needle`, `loss`.
     pub name: String,
-    /// Its file.
+    /// Its file: a picture, or a sequence with an image a frame.
     pub path: String,
 }
 
@@ -168,14 +172,15 @@ mod tests {
             files: Files {
                 image: Some("frame_0007.png".into()),
                 layers: vec![LayerFile {
-                    name: "labels".into(),
-                    path: "frame_0007_labels.png".into(),
+                    name: "depth".into(),
+                    path: "frame_0007_depth.png".into(),
                 }],
             },
             image: ImagePlace::new(&grid, &pose),
             probe_to_world: Rows(*pose.probe_to_world()),
             needle: Some(NeedlePlace::new(&needle, &grid, &pose)),
-            parameters: serde_json::json!({ "speckle": { "axial_mm": 0.4 } }),
+            parameters: Some(serde_json::json!({ "speckle": { "axial_mm": 0.4 } })),
+            parameters_file: None,
             warnings: vec!["the probe is outside the volume".into()],
         }
     }

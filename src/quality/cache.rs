@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::output::atomic::{self, WriteError};
+use crate::output::place::{self, PlaceError};
 
 /// Environment variable that names the folder in place of the user's own.
 pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
@@ -79,15 +80,24 @@ impl Cache {
         Err(BadFile { path, reason })
     }
 
-    /// Keeps what was measured.
+    /// Makes the folder and looks whether costs can be kept in it.
     ///
     /// # Errors
-    /// [`WriteError`]; a folder that cannot be made shows when the file is written.
-    pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), WriteError> {
+    /// [`PlaceError`].
+    pub fn check(&self, thing: &[&str]) -> Result<(), PlaceError> {
         let Some(path) = self.path(thing) else { return Ok(()) };
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
         }
+        place::check(&[&path], &[], true)
+    }
+
+    /// Keeps what was measured, in a folder that is there.
+    ///
+    /// # Errors
+    /// [`WriteError`].
+    pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), WriteError> {
+        let Some(path) = self.path(thing) else { return Ok(()) };
         atomic::write(&path, |file| {
             let text = serde_json::to_string_pretty(costs)?;
             writeln!(file, "{text}")

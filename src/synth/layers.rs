@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::store::Store;
 use super::tables::Tables;
 use crate::real::Real;
+use crate::volume::Label;
 
 /// Beam-space results: scanline by scanline of the central plane, widened to double precision. What the plan does without
 /// is empty.
@@ -56,52 +57,51 @@ impl Beam {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
-    /// Label index of the volume.
-    Labels,
-    /// Length of the tissue's displacement, hundredths of a millimetre.
+    /// Label value of the volume: 0 outside the sector and where nothing is labelled
+    LabelValue,
+    /// Place of the label in the table of labels, from 0: the same where values do not fit 16 bits
+    LabelIndex,
+    /// 1 inside the image sector, 0 outside
+    Sector,
+    /// Length of the tissue's displacement, hundredths of a millimetre
     Displacement,
-    /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre.
+    /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre
     Depth,
-    /// Share of the scan plane's thickness that the needle fills, 0 to 255.
+    /// Share of the scan plane's thickness that the needle fills, 0 to 255
     Needle,
-    /// Two-way loss down to the pixel, hundredths of a decibel.
-    Shadowed,
+    /// Two-way loss down to the pixel, hundredths of a decibel
+    Loss,
 }
 
 impl Layer {
     /// Its name in file names.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Labels => "labels",
+            Self::LabelValue => "label-value",
+            Self::LabelIndex => "label-index",
+            Self::Sector => "sector",
             Self::Displacement => "displacement",
             Self::Depth => "depth",
             Self::Needle => "needle",
-            Self::Shadowed => "shadowed",
+            Self::Loss => "loss",
         }
     }
 
-    /// What one step of its 16-bit values stands for.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Labels => "label index",
-            Self::Displacement => "0.01 mm",
-            Self::Depth => "0.1 mm",
-            Self::Needle => "1/255",
-            Self::Shadowed => "0.01 dB",
-        }
+    /// The first label whose value does not fit the 16 bits of [`Layer::LabelValue`].
+    pub fn unfit(labels: &[Label]) -> Option<&Label> {
+        labels.iter().find(|label| u16::try_from(label.value).is_err())
     }
 
-    /// The layer at each pixel, nearest sample; 0 outside the sector.
+    /// The layer at each pixel, nearest sample; 0 outside the sector. Label values that do not fit 16 bits are 65,535.
     pub fn image(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
         let values = self.beam_values(beam, tables, probe_to_world);
-        let pixel = |at: &[f32; 2]| {
-            if at[0] < 0.0 {
-                return 0;
+        let pixel = |at: &[f32; 2]| match (at[0] < 0.0, self) {
+            (true, _) => 0,
+            (false, Self::Sector) => 1,
+            (false, _) => {
+                let sample = (at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize;
+                values.get(sample).copied().unwrap_or(0)
             }
-            values
-                .get((at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize)
-                .copied()
-                .unwrap_or(0)
         };
         tables.scan_map.iter().map(pixel).collect()
     }
@@ -109,7 +109,13 @@ impl Layer {
     fn beam_values(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
         let fixed = |value: f64| value.round().clamp(0.0, f64::from(u16::MAX)) as u16;
         match self {
-            Self::Labels => beam.label.iter().map(|&label| u16::from(label)).collect(),
+            Self::LabelValue => {
+                let labels = tables.anatomy.volume.labels();
+                let value = |label: &u8| u16::try_from(labels[usize::from(*label)].value).unwrap_or(u16::MAX);
+                beam.label.iter().map(value).collect()
+            }
+            Self::LabelIndex => beam.label.iter().map(|&label| u16::from(label)).collect(),
+            Self::Sector => Vec::new(),
             Self::Displacement => {
                 let length = |(index, position): (usize, &[f64; 4])| {
                     let world = world_position(tables, probe_to_world, index / beam.samples, index % beam.samples);
@@ -129,7 +135,7 @@ impl Layer {
                 depths
             }
             Self::Needle => beam.needle.iter().map(|&share| fixed(255.0 * share)).collect(),
-            Self::Shadowed => {
+            Self::Loss => {
                 let db = |&units: &u32| f64::from(units) / crate::effects::shadow::UNITS_PER_DB;
                 beam.loss.iter().map(|units| fixed(100.0 * db(units))).collect()
             }

@@ -165,7 +165,7 @@ fn a_sequence_of_ours_moves_a_probe_again() {
 fn ground_truth_goes_beside_the_frame() {
     let bench = Bench::new();
     bench.write("moving.toml", &moving());
-    let layers = "labels,displacement,depth,needle,shadowed";
+    let layers = "label-value,label-index,sector,displacement,depth,needle,loss";
     bench
         .run(&format!(
             "render moving.toml --backend cpu --frames 1 -o a.png --layers {layers} --sidecar --overview"
@@ -197,23 +197,40 @@ fn ground_truth_goes_beside_the_frame() {
         "the needle's tip is where the sidecar says"
     );
 
-    let labels = sidecar.parameters["labels"].as_array().unwrap();
-    let pixels = layer("labels");
-    assert!(pixels.iter().all(|&index| usize::from(index) < labels.len()));
+    let parameters = sidecar.parameters.as_ref().unwrap();
+    let labels = parameters["labels"].as_array().unwrap();
+    let (values, pixels, sector) = (layer("label-value"), layer("label-index"), layer("sector"));
     assert!(
         pixels
             .iter()
             .any(|&index| labels[usize::from(index)]["tissue"] == "phantom_inclusion")
     );
+    for (value, index) in values.iter().zip(&pixels) {
+        assert_eq!(labels[usize::from(*index)]["value"], *value);
+    }
+    assert!(sector.iter().all(|&inside| inside <= 1));
+    assert!(
+        sector.contains(&0)
+            && sector
+                .iter()
+                .zip(&values)
+                .all(|(&inside, &value)| inside == 1 || value == 0)
+    );
+    assert!(
+        sector
+            .iter()
+            .zip(&values)
+            .any(|(&inside, &value)| inside == 1 && value == 0)
+    );
     assert!(layer("displacement").iter().all(|&moved| moved == 0));
-    let (depth, shadowed) = (layer("depth"), layer("shadowed"));
+    let (depth, loss) = (layer("depth"), layer("loss"));
     let column = |values: &[u16]| -> Vec<u16> { (4..36).map(|row| values[row * 48 + 24]).collect() };
     assert!(
         column(&depth).is_sorted() && column(&depth)[31] > 300,
         "tenths of a millimetre add up"
     );
     assert!(
-        column(&shadowed).is_sorted() && column(&shadowed)[31] > 100,
+        column(&loss).is_sorted() && column(&loss)[31] > 100,
         "hundredths of a decibel add up"
     );
 

@@ -128,8 +128,9 @@ fn frames_and_meshes_follow_on_request() {
         "the needle drags tissue along"
     );
 
-    // A later run takes the place of an earlier one, and leaves what it does not write.
+    // A later run takes the place of an earlier one, and leaves what is of others' making.
     bench.write("out/mine.txt", "mine");
+    bench.write("out/frames/mine.png", "mine");
     bench
         .run("insert block.toml -o out --frames=mha --preview --backend cpu -q")
         .text();
@@ -142,7 +143,6 @@ fn frames_and_meshes_follow_on_request() {
         "frames",
         "frames.mha",
         "index.html",
-        "mesh",
         "mine.txt",
         "plots",
         "preview.gif",
@@ -150,6 +150,7 @@ fn frames_and_meshes_follow_on_request() {
         "summary.json",
     ];
     assert_eq!(bench.files("out"), left);
+    assert_eq!(bench.files("out/frames"), ["mine.png"]);
 }
 
 #[test]
@@ -185,7 +186,9 @@ fn bad_scenarios_end_with_their_line_and_leave_nothing() {
         .fails(2, &["neither a file nor a scenario"]);
     bench.run("insert nowhere.toml -o out").fails(2, &["nowhere.toml"]);
     bench.run("insert scene.toml").fails(2, &["--output"]);
-    bench.run("insert block.toml -o scene.toml").fails(2, &["is no folder"]);
+    bench
+        .run("insert block.toml -o scene.toml")
+        .fails(2, &["must be a folder"]);
     bench
         .run("insert block.toml -o out --vtu 0")
         .fails(2, &["milliseconds"]);

@@ -15,6 +15,7 @@ mod insert_ready;
 mod material;
 mod mesh_make;
 mod meshes;
+mod outputs;
 mod quality;
 mod reports;
 mod seeds;

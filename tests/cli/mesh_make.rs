@@ -158,6 +158,6 @@ fn an_output_that_cannot_be_written_is_status_1_and_told_first() {
     run.fails(1, &["nowhere"]);
     std::fs::create_dir(bench.path("folder.vtu")).expect("a folder");
     let run = bench.run("mesh make block.nrrd --nodes 100 --no-complete -o folder.vtu");
-    run.fails(1, &["folder.vtu"]);
+    run.fails(2, &["folder.vtu", "regular file"]);
     assert_eq!(bench.files("."), ["block.nrrd", "folder.vtu", "scene.toml"]);
 }

@@ -36,5 +36,5 @@ fn a_name_of_no_case_is_status_2_and_the_cases_are_named() {
     bench.write("file", "");
     bench
         .run("stability --quick --only units -o file/report")
-        .fails(1, &["no folder can be made"]);
+        .fails(2, &["must be a folder"]);
 }

@@ -47,12 +47,13 @@ impl Bench {
         std::fs::write(self.path(name), text).expect("written");
     }
 
-    /// Names of the files there, sorted.
+    /// Names of the files there but for the list that runs keep of them, sorted.
     pub fn files(&self, folder: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(folder)).expect("a folder");
         let mut names: Vec<String> = entries
             .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
             .collect();
+        names.retain(|name| name != "insonify.json");
         names.sort();
         names
     }

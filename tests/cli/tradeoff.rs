@@ -92,7 +92,7 @@ fn what_cannot_be_studied_is_refused_with_status_2() {
     bench.write("file", "");
     bench
         .run("tradeoff --quick --only history -o file/report")
-        .fails(1, &["no folder can be made"]);
+        .fails(2, &["must be a folder"]);
     bench.run("tradeoff remesh --nodes 7").fails(2, &["100", "7"]);
     bench.run("tradeoff remesh --mesh none.vtu").fails(2, &["none.vtu"]);
     bench

@@ -1,13 +1,12 @@
 //! `insonify beam CASE.toml`: the shape of a needle.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use insonify::beam_case::{self, CaseFile, Report, plot};
-use insonify::output::atomic::{self, WriteError};
-use insonify::study::plot::Plot;
 
 use crate::cli::failure::Failure;
+use crate::cli::output::{self, Force};
 use crate::cli::terminal;
 
 /// Elements that leave more than this are too long, mm.
@@ -28,8 +27,10 @@ pub struct Bend {
     #[arg(long)]
     json: bool,
     /// Draw the needle in its tissue
-    #[arg(short, long, value_name = "PLOT.svg", value_parser = svg)]
+    #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 impl Bend {
@@ -37,6 +38,9 @@ impl Bend {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(beam_case::EXAMPLE);
         };
+        if let Some(output) = &self.output {
+            self.force.check_ending(output, "svg", "plots", &output::inputs(path))?;
+        }
         let case = CaseFile::read(path)?.resolve()?;
         let shape = case.solve()?;
         if shape.least_ratio < FAR {
@@ -53,7 +57,7 @@ impl Bend {
             ));
         }
         if let Some(output) = &self.output {
-            draw(output, &plot(&case, &shape))?;
+            output::plot(output, &plot(&case, &shape))?;
         }
         let report = Report::new(&shape);
         if self.json {
@@ -63,23 +67,4 @@ impl Bend {
             terminal::emit(&(left + &report.to_string()))
         }
     }
-}
-
-/// A file that a plot is drawn to.
-pub fn svg(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    match path
-        .extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
-    {
-        true => Ok(path),
-        false => Err("plots are drawn as SVG: name the output with the ending .svg".to_owned()),
-    }
-}
-
-/// Writes a plot, whole or not at all.
-pub fn draw(path: &Path, plot: &Plot) -> Result<(), Failure> {
-    let text = plot.svg()?;
-    let written: Result<(), WriteError> = atomic::write(path, |file| std::io::Write::write_all(file, text.as_bytes()));
-    Ok(written?)
 }

@@ -11,8 +11,8 @@ use insonify::mechanics::needle::beam::material::Law;
 use insonify::study::plot::{Axis, Marker, Plot, Series};
 use serde_json::{Map, Value, json};
 
-use super::bend::{draw, svg};
 use crate::cli::failure::Failure;
+use crate::cli::output::{self, Force};
 use crate::cli::terminal;
 
 /// Points of a curve.
@@ -50,8 +50,10 @@ pub struct Fit {
     #[arg(long)]
     json: bool,
     /// Draw data and models
-    #[arg(short, long, value_name = "PLOT.svg", value_parser = svg)]
+    #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -69,6 +71,10 @@ enum CompressionArg {
 
 impl Fit {
     pub fn run(&self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            self.force
+                .check_ending(output, "svg", "plots", &[self.points.clone()])?;
+        }
         let compression = match self.compression {
             CompressionArg::UEng => Compression::UEng,
             CompressionArg::UTru => Compression::UTru,
@@ -82,7 +88,7 @@ impl Fit {
         let warnings = warnings(&fit);
         warnings.iter().for_each(terminal::warn);
         if let Some(output) = &self.output {
-            draw(output, &plot(&samples, &fit))?;
+            output::plot(output, &plot(&samples, &fit))?;
         }
         if self.json {
             terminal::emit_json(&json(&fit, &warnings))

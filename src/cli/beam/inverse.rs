@@ -7,8 +7,8 @@ use insonify::beam_case::{CaseFile, Report, plot};
 use insonify::mechanics::needle::beam::inverse::Wanted;
 use serde_json::json;
 
-use super::bend::{draw, svg};
 use crate::cli::failure::Failure;
+use crate::cli::output::{self, Force};
 use crate::cli::terminal;
 
 const EXAMPLES: &str = "\
@@ -46,12 +46,18 @@ pub struct Inverse {
     #[arg(long)]
     json: bool,
     /// Draw the needle then
-    #[arg(short, long, value_name = "PLOT.svg", value_parser = svg)]
+    #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 impl Inverse {
     pub fn run(&self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            self.force
+                .check_ending(output, "svg", "plots", &output::inputs(&self.case))?;
+        }
         let case = CaseFile::read(&self.case)?.resolve()?;
         for (name, value) in [
             ("--tip-mm", self.tip_mm),
@@ -93,7 +99,7 @@ impl Inverse {
         };
         let (_, shape) = case.find(&wanted)?;
         if let Some(output) = &self.output {
-            draw(output, &plot(&case, &shape))?;
+            output::plot(output, &plot(&case, &shape))?;
         }
         let (base, report) = (&shape.points[0], Report::new(&shape));
         if self.json {

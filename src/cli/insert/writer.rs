@@ -1,25 +1,40 @@
 //! What a run leaves in its folder.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use indicatif::ProgressBar;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
-use insonify::output::atomic::{self, WriteError};
+use insonify::output::atomic::WriteError;
 use insonify::output::gif::Preview;
-use insonify::output::png;
+use insonify::output::{numbered, png};
 use insonify::scenario::record::{PLOTS, Record};
-use insonify::scenario::run::{Deformed, Moment, Observer, Step};
+use insonify::scenario::run::{Asked, Deformed, Moment, Observer, Step};
 use insonify::scenario::{Scenario, Summary};
 use insonify::study::plot::SIZE;
 use serde::Serialize;
 
 use crate::cli::backend::Chosen;
 use crate::cli::failure::Failure;
-use crate::cli::render::target::{Output, Target};
+use crate::cli::output::text;
+use crate::cli::render::extras::Extras;
+use crate::cli::render::output::{Output, Shot};
+use crate::cli::render::target::Target;
 use crate::cli::terminal;
+
+/// Files of a run, as [`insonify::output::folder::Folder::open`] takes them; plots are not looked for before they are made.
+pub const FILES: &[&str] = &[
+    "steps.csv",
+    "index.html",
+    "summary.json",
+    "preview.gif",
+    "frames.mha",
+    "frames/frame_",
+    "mesh/mesh_",
+    "mesh/mesh.pvd",
+];
 
 /// Writes while a scenario runs.
 pub struct Writer<'a> {
@@ -28,20 +43,22 @@ pub struct Writer<'a> {
     steps: BufWriter<File>,
     record: Record,
     bar: ProgressBar,
-    frames: Option<Rendering>,
+    frames: Option<Rendering<'a>>,
+    /// Meshes that are to come.
+    mesh_count: usize,
     /// Time (s) and name of each mesh.
     meshes: Vec<(f64, String)>,
 }
 
 /// Frames in the making.
-struct Rendering {
+struct Rendering<'a> {
     chosen: Chosen,
-    output: Option<Output>,
+    output: Option<Output<'a>>,
     preview: Option<Preview>,
 }
 
 impl<'a> Writer<'a> {
-    pub fn new(scenario: &'a Scenario, folder: &Path, quiet: bool) -> Result<Self, Failure> {
+    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Asked, quiet: bool) -> Result<Self, Failure> {
         let path = folder.join("steps.csv");
         let wrong = |cause| WriteError::new(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -54,6 +71,7 @@ impl<'a> Writer<'a> {
             record,
             bar: terminal::share(quiet),
             frames: None,
+            mesh_count: asked.mesh_s.map_or(0, |every_s| moments(scenario, every_s)),
             meshes: Vec::new(),
         })
     }
@@ -62,10 +80,15 @@ impl<'a> Writer<'a> {
     pub fn render(&mut self, chosen: Chosen, as_sequence: Option<bool>, preview: bool) -> Result<(), Failure> {
         let size = self.scenario.scene.settings.image;
         let target = as_sequence.map(|as_sequence| match as_sequence {
-            true => Target::Sequence(self.folder.join("frames.mha")),
+            true => Target::Sequence(self.folder.join("frames.mha"), self.folder.join("frames")),
             false => Target::Folder(self.folder.join("frames")),
         });
-        let output = target.map(|target| Output::open(target, size.width, size.height));
+        if let Some(Target::Folder(folder)) = &target {
+            make(folder)?;
+        }
+        let scenario = self.scenario;
+        let count = moments(scenario, scenario.timing.frame_s);
+        let output = target.map(|target| Output::open(target, &Extras::default(), &scenario.scene, count));
         let path = self.folder.join("preview.gif");
         let preview = preview.then(|| Preview::create(&path, size.width, size.height, self.scenario.timing.frame_s));
         self.frames = Some(Rendering {
@@ -110,7 +133,7 @@ impl<'a> Writer<'a> {
     fn write_mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
         let folder = make(&self.folder.join("mesh"))?;
         let tissue = deformed.tissue;
-        let name = format!("mesh_{:04}.vtu", deformed.number);
+        let name = format!("mesh_{}.vtu", numbered(deformed.number as usize, self.mesh_count));
         let path = folder.join(&name);
         let elements = deformed.elements.to_vec();
         let regions = match self.scenario.mesh.elements().len() == elements.len() {
@@ -145,13 +168,18 @@ impl Observer for Writer<'_> {
         let Some(frames) = &mut self.frames else {
             return Ok(());
         };
-        let frame = frames.chosen.synth.render(moment.state)?;
-        let number = moment.number as usize;
+        frames.chosen.synth.render(moment.state)?;
         if let Some(output) = &mut frames.output {
-            output.write(frame, number, moment.time_s, &moment.state.probe_to_world)?;
+            let shot = Shot {
+                number: moment.number as usize,
+                time_s: moment.time_s,
+                state: moment.state,
+                warnings: &[],
+            };
+            output.write(&frames.chosen.synth, &shot)?;
         }
         if let Some(preview) = &mut frames.preview {
-            preview.push(&frame.pixels)?;
+            preview.push(&frames.chosen.synth.frame().pixels)?;
         }
         Ok(())
     }
@@ -161,18 +189,14 @@ impl Observer for Writer<'_> {
     }
 }
 
-/// Makes a folder, if it is not there.
-fn make(folder: &Path) -> Result<PathBuf, Failure> {
-    fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-        path: folder.to_owned(),
-        cause,
-    })?;
-    Ok(folder.to_owned())
+/// The most moments at equal distances that a run has.
+fn moments(scenario: &Scenario, every_s: f64) -> usize {
+    let timing = &scenario.timing;
+    (timing.steps as f64 * timing.dt_s / every_s) as usize + 1
 }
 
-fn text(path: &Path, text: &str) -> Result<(), Failure> {
-    atomic::write(path, |out: &mut BufWriter<&mut File>| -> io::Result<()> {
-        out.write_all(text.as_bytes())
-    })?;
-    Ok(())
+/// Makes a folder, if it is not there.
+fn make(folder: &Path) -> Result<PathBuf, Failure> {
+    fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+    Ok(folder.to_owned())
 }

@@ -16,7 +16,8 @@ use serde::Serialize;
 
 use crate::cli::failure::Failure;
 use crate::cli::input::NamesArg;
-use crate::cli::{terminal, vtu};
+use crate::cli::output::Force;
+use crate::cli::terminal;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -58,6 +59,8 @@ pub struct Make {
     /// File to write (.vtu)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    force: Force,
     /// Label values to mesh, without anything around them [default: all]
     #[arg(long, value_name = "VALUE,...", value_delimiter = ',', allow_hyphen_values = true)]
     labels: Vec<i64>,
@@ -106,7 +109,8 @@ struct Region {
 
 impl Make {
     pub fn run(&self) -> Result<(), Failure> {
-        vtu::check(&self.output)?;
+        let inputs: Vec<PathBuf> = self.volume.iter().cloned().collect();
+        self.force.check_ending(&self.output, "vtu", "meshes", &inputs)?;
         let Segmentation {
             mut volume,
             mut notes,

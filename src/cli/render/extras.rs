@@ -2,141 +2,114 @@
 
 use std::path::Path;
 
+use clap::Args;
+use clap::ValueEnum;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use insonify::output::overview::overview;
 use insonify::output::png;
-use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
 use insonify::scene::Scene;
+use insonify::synth::Synthesizer;
 use insonify::synth::layers::Layer;
-use insonify::synth::{FrameState, Synthesizer};
-use insonify::tracking::matrix::Rows;
+use insonify::tracking::needle::NeedlePose;
+use insonify::tracking::pose::Pose;
 use serde_json::json;
 
-use super::target::Target;
 use crate::cli::failure::Failure;
+use crate::cli::terminal;
 
-/// What was asked for besides frames.
-pub struct Extras<'a> {
-    pub layers: &'a [Layer],
+/// The earlier names of layers, and what is taken for them.
+const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];
+
+/// What is asked for besides frames.
+#[derive(Args, Clone, Debug, Default)]
+pub struct Extras {
+    /// Ground truth to write beside each frame, 16 bits a pixel
+    #[arg(long = "layers", value_name = "LAYER,...", value_parser = layer_names(), value_delimiter = ',')]
+    names: Vec<String>,
+    /// Write a JSON file beside each frame: seed, pose, parameters, needle tip, warnings
+    #[arg(long)]
     pub sidecar: bool,
+    /// Write a small picture of the probe against the anatomy beside each frame
+    #[arg(long)]
     pub overview: bool,
-    pub scene: &'a Scene,
-    pub target: &'a Target,
 }
 
-impl Extras<'_> {
-    /// Writes what goes beside the frame that was rendered last.
-    pub fn write(
-        &self,
-        synth: &Synthesizer,
-        frame: usize,
-        frames: usize,
-        state: &FrameState,
-        warnings: &[String],
-    ) -> Result<(), Failure> {
-        let picture = self.target.picture(frame);
-        let layers = self.write_layers(synth, &picture, state)?;
-        if self.overview {
-            self.write_overview(synth, frame, frames, &picture)?;
+fn layer_names() -> PossibleValuesParser {
+    let layers = Layer::value_variants().iter();
+    let earlier = EARLIER.iter().map(|(name, _)| PossibleValue::new(*name).hide(true));
+    PossibleValuesParser::new(layers.filter_map(ValueEnum::to_possible_value).chain(earlier))
+}
+
+impl Extras {
+    /// The layers, each once.
+    pub fn layers(&self) -> Vec<Layer> {
+        let mut layers = Vec::new();
+        for name in &self.names {
+            let earlier = EARLIER.iter().find(|(earlier, _)| earlier == name);
+            let layer = earlier.map(|(_, layer)| *layer).or(Layer::from_str(name, false).ok());
+            layers.extend(layer.filter(|layer| !layers.contains(layer)));
         }
-        if self.sidecar {
-            let path = Sidecar::path_for(&picture);
-            self.describe(synth, frame, frames, layers, warnings, &picture)
-                .write(&path)?;
-        }
-        Ok(())
+        layers
     }
 
-    fn write_layers(&self, synth: &Synthesizer, picture: &Path, state: &FrameState) -> Result<Vec<LayerFile>, Failure> {
-        if self.layers.is_empty() {
-            return Ok(Vec::new());
+    /// Says what is written where a layer was asked for by a name that meant another, and refuses values that a layer cannot hold.
+    pub fn check(&self, scene: &Scene) -> Result<(), Failure> {
+        if self.names.iter().any(|name| name == "labels") {
+            terminal::say(
+                "note: the layer `labels` is now `label-value`, with the values of the label file; places in the table of labels, \
+                 as it had before, are the layer `label-index`",
+            );
         }
-        let beam = synth.beam()?;
-        let tables = synth.tables();
-        let write = |layer: &Layer| {
-            let path = png::layer_path(picture, layer.name());
-            let values = layer.image(&beam, tables, &state.probe_to_world);
-            png::write_grey16(&path, tables.width(), tables.height(), &values)?;
-            Ok(LayerFile {
-                name: layer.name().to_owned(),
-                path: name_of(&path),
+        match Layer::unfit(scene.anatomy.volume.labels()) {
+            Some(label) if self.layers().contains(&Layer::LabelValue) => Err(Failure::usage(
+                format!(
+                    "--layers label-value: label {} does not fit 16 bits without sign",
+                    label.value
+                ),
+                "ask for the layer label-index: places in the table of labels, which the sidecar has",
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Draws where the probe is.
+pub fn write_overview(
+    path: &Path,
+    synth: &Synthesizer,
+    pose: &Pose,
+    needle: Option<&NeedlePose>,
+) -> Result<(), Failure> {
+    let tables = synth.tables();
+    let anatomy = &tables.anatomy;
+    let labels = 0..anatomy.volume.labels().len();
+    let colours: Vec<[u8; 3]> = labels.map(|label| anatomy.tissues.of(label as u8).colour).collect();
+    let image = overview(&anatomy.volume, &colours, pose, &tables.grid, needle);
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    Ok(png::write_rgb(path, width, height, image.as_raw())?)
+}
+
+/// The scene as it is rendered, and what the indices and values of label layers mean.
+pub fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Value {
+    let settings = synth.settings();
+    let anatomy = &synth.tables().anatomy;
+    let labels = anatomy.volume.labels().iter().enumerate();
+    let labels: Vec<_> = labels
+        .map(|(index, label)| {
+            json!({
+                "index": index,
+                "value": label.value,
+                "name": label.name,
+                "tissue": anatomy.tissues.of(index as u8).name,
             })
-        };
-        self.layers.iter().map(write).collect()
-    }
-
-    fn write_overview(&self, synth: &Synthesizer, frame: usize, frames: usize, picture: &Path) -> Result<(), Failure> {
-        let anatomy = &self.scene.anatomy;
-        let labels = 0..anatomy.volume.labels().len();
-        let colours: Vec<[u8; 3]> = labels.map(|label| anatomy.tissues.of(label as u8).colour).collect();
-        let needle = self.scene.needle_pose(frame, frames);
-        let image = overview(
-            &anatomy.volume,
-            &colours,
-            &self.scene.probe_pose(frame, frames),
-            &synth.tables().grid,
-            needle.as_ref(),
-        );
-        let path = png::layer_path(picture, "overview");
-        let (width, height) = (image.width() as usize, image.height() as usize);
-        Ok(png::write_rgb(&path, width, height, image.as_raw())?)
-    }
-
-    fn describe(
-        &self,
-        synth: &Synthesizer,
-        frame: usize,
-        frames: usize,
-        layers: Vec<LayerFile>,
-        warnings: &[String],
-        picture: &Path,
-    ) -> Sidecar {
-        let pose = self.scene.probe_pose(frame, frames);
-        let grid = &synth.tables().image_grid;
-        let needle = self.scene.needle_pose(frame, frames);
-        let in_sequence = matches!(self.target, Target::Sequence(_));
-        Sidecar {
-            version: sidecar::VERSION,
-            frame,
-            time_s: self.scene.time_s(frame, frames),
-            seed: self.scene.settings.seed,
-            files: Files {
-                image: (!in_sequence).then(|| name_of(picture)),
-                layers,
-            },
-            image: ImagePlace::new(grid, &pose),
-            probe_to_world: Rows(*pose.probe_to_world()),
-            needle: needle.map(|needle| NeedlePlace::new(&needle, grid, &pose)),
-            parameters: self.parameters(synth),
-            warnings: self.scene.warnings.iter().chain(warnings).cloned().collect(),
-        }
-    }
-
-    /// The scene as it was rendered, and what the indices of the label layer mean.
-    fn parameters(&self, synth: &Synthesizer) -> serde_json::Value {
-        let settings = synth.settings();
-        let anatomy = &self.scene.anatomy;
-        let labels = anatomy.volume.labels().iter().enumerate();
-        let labels: Vec<_> = labels
-            .map(|(index, label)| {
-                json!({
-                    "index": index,
-                    "value": label.value,
-                    "name": label.name,
-                    "tissue": anatomy.tissues.of(index as u8).name,
-                })
-            })
-            .collect();
-        json!({
-            "backend": synth.backend(),
-            "probe": settings.probe,
-            "effects": settings.effects,
-            "tissues": anatomy.tissues.tissues,
-            "labels": labels,
-            "scene": self.scene.file,
         })
-    }
-}
-
-fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+        .collect();
+    json!({
+        "backend": synth.backend(),
+        "probe": settings.probe,
+        "effects": settings.effects,
+        "tissues": anatomy.tissues.tissues,
+        "labels": labels,
+        "scene": scene.file,
+    })
 }

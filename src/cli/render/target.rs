@@ -1,13 +1,9 @@
 //! Where frames go: a file, a folder, or an image sequence.
 
-use std::fs;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use insonify::output::atomic::WriteError;
 use insonify::output::png;
-use insonify::output::sequence::{FrameInfo, SequenceWriter};
-use insonify::synth::Frame;
-use nalgebra::Matrix4;
 
 use crate::cli::failure::Failure;
 
@@ -18,8 +14,8 @@ pub enum Target {
     File(PathBuf),
     /// Numbered PNGs.
     Folder(PathBuf),
-    /// An image sequence with the transforms of each frame.
-    Sequence(PathBuf),
+    /// An image sequence with the transforms of each frame, and a folder for what goes beside single frames.
+    Sequence(PathBuf, PathBuf),
 }
 
 impl Target {
@@ -40,7 +36,7 @@ impl Target {
             .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let shown = path.display();
         match ending.as_deref() {
-            Some("mha" | "nrrd") => Ok(Self::Sequence(path.to_owned())),
+            Some("mha" | "nrrd") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
             _ if path.is_dir() || ends_in_separator(path) => Ok(Self::Folder(path.to_owned())),
             Some("png") if frames > 1 => Err(Failure::usage(
                 format!("-o {shown} is one picture, and there are {frames} frames"),
@@ -58,19 +54,15 @@ impl Target {
     /// The path that was asked for.
     pub fn path(&self) -> &Path {
         match self {
-            Self::File(path) | Self::Folder(path) | Self::Sequence(path) => path,
+            Self::File(path) | Self::Folder(path) | Self::Sequence(path, _) => path,
         }
     }
 
-    /// The picture of a frame, or where it would be if the sequence were pictures: what lies beside it is named after it.
-    pub fn picture(&self, frame: usize) -> PathBuf {
+    /// The picture of a frame of so many, or where it would be if the sequence were pictures: what goes beside it is named after it.
+    pub fn picture(&self, frame: usize, of: usize) -> PathBuf {
         match self {
             Self::File(path) => path.clone(),
-            Self::Folder(folder) => png::frame_path(folder, frame),
-            Self::Sequence(path) => {
-                let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-                path.with_file_name(format!("{stem}_{frame:04}.png"))
-            }
+            Self::Folder(folder) | Self::Sequence(_, folder) => png::frame_path(folder, frame, of),
         }
     }
 }
@@ -79,68 +71,12 @@ fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().to_string_lossy().ends_with(std::path::is_separator)
 }
 
-/// A target being written.
-pub struct Output {
-    pub target: Target,
-    sequence: Option<SequenceWriter>,
-}
-
-impl Output {
-    /// Makes the folder, starts the sequence, or looks for the folder of the file, so that what cannot be written shows
-    /// before anything is rendered.
-    pub fn open(target: Target, width: usize, height: usize) -> Result<Self, Failure> {
-        let sequence = match &target {
-            Target::File(path) => {
-                let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-                if let Some(Err(cause)) = folder.map(fs::metadata) {
-                    return Err(WriteError::new(path, cause).into());
-                }
-                None
-            }
-            Target::Folder(folder) => {
-                fs::create_dir_all(folder).map_err(|cause| Failure::Folder {
-                    path: folder.clone(),
-                    cause,
-                })?;
-                None
-            }
-            Target::Sequence(path) => Some(SequenceWriter::create(path, width, height)?),
-        };
-        Ok(Self { target, sequence })
-    }
-
-    /// Writes a frame and returns the file that it went to.
-    pub fn write(
-        &mut self,
-        frame: &Frame,
-        number: usize,
-        time_s: f64,
-        probe_to_world: &Matrix4<f64>,
-    ) -> Result<PathBuf, Failure> {
-        if let Some(sequence) = &mut self.sequence {
-            let info = FrameInfo {
-                timestamp: time_s,
-                transforms: &[
-                    ("ImageToWorld", frame.image_to_world, true),
-                    ("ProbeToWorld", *probe_to_world, true),
-                ],
-                image_valid: true,
-            };
-            sequence.push(&frame.pixels, &info)?;
-            return Ok(self.target.path().to_owned());
-        }
-        let path = self.target.picture(number);
-        png::write_grey(&path, frame.width, frame.height, &frame.pixels)?;
-        Ok(path)
-    }
-
-    /// Finishes the sequence.
-    pub fn finish(self) -> Result<(), Failure> {
-        match self.sequence {
-            Some(sequence) => Ok(sequence.finish()?),
-            None => Ok(()),
-        }
-    }
+/// The name of a file, for people.
+pub fn name_of(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(OsStr::new(""))
+        .to_string_lossy()
+        .into_owned()
 }
 
 #[cfg(test)]
@@ -160,8 +96,8 @@ mod tests {
         assert_eq!(chosen("a/", 1), Ok(Target::Folder("a/".into())));
         assert_eq!(chosen("a", 2), Ok(Target::Folder("a".into())));
         assert_eq!(chosen("run.v2", 2), Ok(Target::Folder("run.v2".into())));
-        assert_eq!(chosen("a.mha", 1), Ok(Target::Sequence("a.mha".into())));
-        assert_eq!(chosen("a.nrrd", 9), Ok(Target::Sequence("a.nrrd".into())));
+        assert_eq!(chosen("a.mha", 1), Ok(Target::Sequence("a.mha".into(), "a".into())));
+        assert_eq!(chosen("a.nrrd", 9), Ok(Target::Sequence("a.nrrd".into(), "a".into())));
         assert_eq!(chosen("a.png", 2), Err(2));
         assert_eq!(chosen("a.jpg", 1), Err(2));
         assert_eq!(chosen("", 1), Err(2));
@@ -169,8 +105,10 @@ mod tests {
 
     #[test]
     fn what_goes_with_a_frame_is_named_after_it() {
-        assert_eq!(Target::File("a/b.png".into()).picture(0), Path::new("a/b.png"));
-        assert_eq!(Target::Folder("a".into()).picture(12), Path::new("a/frame_0012.png"));
-        assert_eq!(Target::Sequence("a/b.mha".into()).picture(3), Path::new("a/b_0003.png"));
+        assert_eq!(Target::File("a/b.png".into()).picture(0, 1), Path::new("a/b.png"));
+        let frame = |target: Target| target.picture(12, 20);
+        assert_eq!(frame(Target::Folder("a".into())), Path::new("a/frame_0012.png"));
+        let sequence = Target::choose(Some(Path::new("a/b.mha")), 20).unwrap();
+        assert_eq!(frame(sequence), Path::new("a/b/frame_0012.png"));
     }
 }

@@ -5,7 +5,6 @@
 //! | `gmsh` | Gmsh meshes (`.msh`), read only |
 //! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
 
-mod atomic;
 mod cursor;
 mod error;
 mod gmsh;

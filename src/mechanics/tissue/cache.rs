@@ -10,7 +10,6 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use blake3::Hasher;
-use tempfile::NamedTempFile;
 
 use super::dofs::Dofs;
 use super::factor::Factor;
@@ -18,6 +17,7 @@ use super::inverse::{InverseError, check_memory, invert};
 use super::material::Material;
 use super::symmetric::{PANEL_ROWS, Scalar, Symmetric};
 use crate::mechanics::mesh::TetMesh;
+use crate::output::atomic;
 
 const MAGIC: [u8; 8] = *b"insonKi\n";
 /// Raised when the layout changes, or when the same input makes another matrix.
@@ -197,28 +197,18 @@ pub fn store<T: Scalar>(path: &Path, key: &CacheKey, inverse: &Symmetric<T>) -> 
 }
 
 fn write<T: Scalar>(path: &Path, key: &CacheKey, inverse: &Symmetric<T>) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    fs::create_dir_all(folder)?;
-    let mut file = NamedTempFile::new_in(folder)?;
-    let hasher = Hasher::new();
-    let mut hashed = BufWriter::with_capacity(
-        BUFFER,
-        HashedWriter {
-            file: file.as_file_mut(),
-            hasher,
-        },
-    );
-    hashed.write_all(&key.header::<T>(inverse.size()))?;
-    for column in inverse.row_panels().flat_map(|panel| panel.columns) {
-        hashed.write_all(bytemuck::cast_slice(&column.0))?;
-    }
-    let HashedWriter { file: whole, hasher } = hashed.into_inner().map_err(io::IntoInnerError::into_error)?;
-    whole.write_all(hasher.finalize().as_bytes())?;
-    whole.sync_all()?;
-    file.persist(path).map(drop).map_err(|failure| failure.error)
+    path.parent().map_or(Ok(()), fs::create_dir_all)?;
+    let written = atomic::write(path, |file| {
+        let hasher = Hasher::new();
+        let mut hashed = BufWriter::with_capacity(BUFFER, HashedWriter { file, hasher });
+        hashed.write_all(&key.header::<T>(inverse.size()))?;
+        for column in inverse.row_panels().flat_map(|panel| panel.columns) {
+            hashed.write_all(bytemuck::cast_slice(&column.0))?;
+        }
+        let HashedWriter { file, hasher } = hashed.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.write_all(hasher.finalize().as_bytes())
+    });
+    written.map_err(|error| error.cause)
 }
 
 /// Takes the inverse from a file, or builds it and stores it there. `progress` as for [`invert`].
@@ -275,12 +265,12 @@ impl Read for HashedReader<'_> {
 }
 
 /// Hashes what it writes.
-struct HashedWriter<'a> {
-    file: &'a mut File,
+struct HashedWriter<W> {
+    file: W,
     hasher: Hasher,
 }
 
-impl Write for HashedWriter<'_> {
+impl<W: Write> Write for HashedWriter<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.file.write(bytes)?;
         self.hasher.update(&bytes[..count]);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::memory::TooLarge;
 use crate::read;
+use crate::output::atomic::WriteError;
 
 /// Why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -18,13 +19,8 @@ pub enum MeshFileError {
         source: std::io::Error,
     },
     /// The file cannot be written.
-    #[error("{}: cannot write the mesh: {source}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] WriteError),
     /// The contents break the format.
     #[error("{}: line {line} (byte {offset}): found {found}; expected {expected}", path.display())]
     Syntax {
@@ -83,7 +79,7 @@ impl MeshFileError {
     /// Whether the machine is at fault rather than the input: the output cannot be written, the memory is short, the disk fails.
     pub fn is_machine(&self) -> bool {
         match self {
-            MeshFileError::Write { .. } => true,
+            MeshFileError::Write(_) => true,
             MeshFileError::Read { source, .. } => read::is_machine(source),
             _ => false,
         }

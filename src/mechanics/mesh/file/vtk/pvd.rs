@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::MeshFileError;
 use super::write::escape;
-use crate::mechanics::mesh::file::atomic;
+use crate::output::atomic;
 
 /// Writes a time series: the time of each file (any unit, finite) and its name, relative to the folder of `path`.
 ///
@@ -32,5 +32,6 @@ pub fn write_pvd(path: &Path, files: &[(f64, String)]) -> Result<(), MeshFileErr
             )?;
         }
         writeln!(out, "</Collection>\n</VTKFile>")
-    })
+    })?;
+    Ok(())
 }

@@ -15,7 +15,8 @@ use flate2::write::ZlibEncoder;
 use super::MeshFileError;
 use super::grid::TETRA;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{DISPLACEMENT, atomic};
+use crate::mechanics::mesh::file::DISPLACEMENT;
+use crate::output::atomic;
 
 /// The cell array that is written with the region numbers.
 pub const REGION: &str = "region";
@@ -69,7 +70,7 @@ pub fn write_vtu_with(
     let cell_arrays = [&regions[..], cell_arrays].concat();
     check(path, "nodes", mesh.nodes().len(), point_arrays)?;
     check(path, "tetrahedra", mesh.elements().len(), &cell_arrays)?;
-    atomic::write(path, |out| vtu(out, mesh, point_arrays, &cell_arrays))
+    Ok(atomic::write(path, |out| vtu(out, mesh, point_arrays, &cell_arrays))?)
 }
 
 fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values)]) -> Result<(), MeshFileError> {

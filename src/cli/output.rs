@@ -1,0 +1,98 @@
+//! Where a command writes, looked at before it computes.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use insonify::output::atomic;
+use insonify::output::folder::Folder;
+use insonify::output::place;
+use insonify::study::plot::Plot;
+
+use super::failure::Failure;
+
+/// Scenes named by scenarios name no further ones.
+const DEEPEST: usize = 2;
+/// Largest document that is looked into for names of files, bytes.
+const LARGEST: u64 = 1 << 26;
+
+/// What to do about files in the way.
+#[derive(Args, Clone, Copy, Default)]
+pub struct Force {
+    /// Replace files in the way that are of another kind, that no earlier run listed, or that are read
+    #[arg(long)]
+    force: bool,
+}
+
+impl Force {
+    /// Refuses files that cannot be written before anything is computed for them; `inputs` are files that the run reads.
+    pub fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+        Ok(place::check(files, inputs, self.force)?)
+    }
+
+    /// The same for one file whose name must have a certain ending; `what` it holds is said of another.
+    pub fn check_ending(self, file: &Path, ending: &str, what: &str, inputs: &[PathBuf]) -> Result<(), Failure> {
+        let found = file.extension();
+        if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
+            let found = format!("{}: {what} are written as .{ending}", file.display());
+            return Err(Failure::usage(
+                found,
+                format!("name the output with the ending .{ending}"),
+            ));
+        }
+        self.check(&[file], inputs)
+    }
+
+    /// A folder for the files of a command: see [`Folder::open`].
+    pub fn folder(
+        self,
+        target: &Path,
+        command: &'static str,
+        names: &[&str],
+        inputs: &[PathBuf],
+    ) -> Result<Folder, Failure> {
+        if target.as_os_str().is_empty() {
+            return Err(Failure::usage("-o names no folder", "name a folder"));
+        }
+        Ok(Folder::open(target, command, names, inputs, self.force)?)
+    }
+}
+
+/// A file in TOML and the files that it names.
+pub fn inputs(document: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    add_inputs(document, DEEPEST, &mut files);
+    files
+}
+
+fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
+    files.push(document.to_owned());
+    // Pipes give their text once, and to the reader.
+    let small = fs::metadata(document).is_ok_and(|found| found.is_file() && found.len() <= LARGEST);
+    let text = small.then(|| fs::read_to_string(document).ok()).flatten();
+    let table = text.and_then(|text| text.parse().ok());
+    let folder = document.parent().unwrap_or(Path::new(""));
+    let mut values: Vec<toml::Value> = table.map(toml::Value::Table).into_iter().collect();
+    while let Some(value) = values.pop() {
+        match value {
+            toml::Value::Table(table) => values.extend(table.into_iter().map(|(_, value)| value)),
+            toml::Value::Array(array) => values.extend(array),
+            toml::Value::String(name) if folder.join(&name).is_file() => match name.ends_with(".toml") && depth > 0 {
+                true => add_inputs(&folder.join(name), depth - 1, files),
+                false => files.push(folder.join(name)),
+            },
+            _ => {}
+        }
+    }
+}
+
+/// Writes a text, whole or not at all.
+pub fn text(path: &Path, text: &str) -> Result<(), Failure> {
+    Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
+}
+
+/// Writes a plot, whole or not at all.
+pub fn plot(path: &Path, plot: &Plot) -> Result<(), Failure> {
+    text(path, &plot.svg()?)
+}

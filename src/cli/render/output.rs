@@ -1,0 +1,200 @@
+//! Frames on their way to files, with what was asked for beside them.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use insonify::output::atomic;
+use insonify::output::png;
+use insonify::output::sequence::{FrameInfo, SequenceWriter};
+use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use insonify::scene::Scene;
+use insonify::synth::layers::Layer;
+use insonify::synth::{FrameState, Synthesizer};
+use insonify::tracking::matrix::Rows;
+use insonify::tracking::needle::{MAX_NODES, NeedlePose};
+use insonify::tracking::pose::Pose;
+
+use super::extras::{self, Extras};
+use super::target::{Target, name_of};
+use crate::cli::failure::Failure;
+
+/// The file of the parameters that many frames share.
+pub const PARAMETERS: &str = "parameters.json";
+
+/// Frames on their way to files.
+pub struct Output<'a> {
+    target: Target,
+    extras: Extras,
+    layers: Vec<Layer>,
+    scene: &'a Scene,
+    /// Frames that are to come.
+    frames: usize,
+    images: Option<SequenceWriter>,
+    /// One a layer where frames go to a sequence.
+    masks: Vec<SequenceWriter>,
+    /// Whether the parameters that frames share are written.
+    shared: bool,
+}
+
+/// The frame that was rendered last.
+pub struct Shot<'a> {
+    /// Which, from 0.
+    pub number: usize,
+    /// When, s.
+    pub time_s: f64,
+    /// What it was made of.
+    pub state: &'a FrameState,
+    /// What is odd about it.
+    pub warnings: &'a [String],
+}
+
+impl<'a> Output<'a> {
+    /// Starts the sequences, if frames go to one. The folder of `target` is there.
+    pub fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
+        let size = scene.settings.image;
+        let layers = extras.layers();
+        let (mut images, mut masks) = (None, Vec::new());
+        if let Target::Sequence(path, _) = &target {
+            images = Some(SequenceWriter::create(path, size.width, size.height)?);
+            for layer in &layers {
+                let path = png::layer_path(path, layer.name());
+                masks.push(SequenceWriter::create_layer(&path, size.width, size.height)?);
+            }
+        }
+        Ok(Self {
+            target,
+            extras: extras.clone(),
+            layers,
+            scene,
+            frames,
+            images,
+            masks,
+            shared: false,
+        })
+    }
+
+    /// Writes a frame and what goes with it; returns the file that it went to.
+    pub fn write(&mut self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<PathBuf, Failure> {
+        let frame = synth.frame();
+        let transforms = [
+            ("ImageToWorld", frame.image_to_world, true),
+            ("ProbeToWorld", shot.state.probe_to_world, true),
+        ];
+        let info = FrameInfo {
+            timestamp: shot.time_s,
+            transforms: &transforms,
+            image_valid: true,
+        };
+        let picture = self.target.picture(shot.number, self.frames);
+        let path = match &mut self.images {
+            Some(images) => {
+                images.push(&frame.pixels, &info)?;
+                self.target.path().to_owned()
+            }
+            None => {
+                png::write_grey(&picture, frame.width, frame.height, &frame.pixels)?;
+                picture.clone()
+            }
+        };
+        let layers = self.write_layers(synth, shot, &picture, &info)?;
+        if self.extras.overview || self.extras.sidecar {
+            let pose = Pose::from_matrix(&shot.state.probe_to_world)
+                .map_err(|error| Failure::usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
+            let needle = needle(shot.state);
+            if self.extras.overview {
+                let path = png::layer_path(&picture, "overview");
+                extras::write_overview(&path, synth, &pose, needle.as_ref())?;
+            }
+            if self.extras.sidecar {
+                self.write_sidecar(synth, shot, (&pose, needle.as_ref()), &picture, layers)?;
+            }
+        }
+        Ok(path)
+    }
+
+    fn write_layers(
+        &mut self,
+        synth: &Synthesizer,
+        shot: &Shot<'_>,
+        picture: &Path,
+        info: &FrameInfo<'_>,
+    ) -> Result<Vec<LayerFile>, Failure> {
+        if self.layers.is_empty() {
+            return Ok(Vec::new());
+        }
+        let beam = synth.beam()?;
+        let tables = synth.tables();
+        let mut files = Vec::new();
+        for (at, layer) in self.layers.iter().enumerate() {
+            let values = layer.image(&beam, tables, &shot.state.probe_to_world);
+            let path = match self.masks.get_mut(at) {
+                Some(mask) => {
+                    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+                    mask.push(&bytes, info)?;
+                    format!("../{}", name_of(&png::layer_path(self.target.path(), layer.name())))
+                }
+                None => {
+                    let path = png::layer_path(picture, layer.name());
+                    png::write_grey16(&path, tables.width(), tables.height(), &values)?;
+                    name_of(&path)
+                }
+            };
+            files.push(LayerFile {
+                name: layer.name().to_owned(),
+                path,
+            });
+        }
+        Ok(files)
+    }
+
+    fn write_sidecar(
+        &mut self,
+        synth: &Synthesizer,
+        shot: &Shot<'_>,
+        (pose, needle): (&Pose, Option<&NeedlePose>),
+        picture: &Path,
+        layers: Vec<LayerFile>,
+    ) -> Result<(), Failure> {
+        let grid = &synth.tables().image_grid;
+        let single = matches!(self.target, Target::File(_));
+        if !single && !self.shared {
+            let parameters = extras::parameters(self.scene, synth);
+            atomic::write(&picture.with_file_name(PARAMETERS), |file| {
+                writeln!(file, "{parameters:#}")
+            })?;
+            self.shared = true;
+        }
+        let sidecar = Sidecar {
+            version: sidecar::VERSION,
+            frame: shot.number,
+            time_s: shot.time_s,
+            seed: synth.settings().seed,
+            files: Files {
+                image: self.images.is_none().then(|| name_of(picture)),
+                layers,
+            },
+            image: ImagePlace::new(grid, pose),
+            probe_to_world: Rows(*pose.probe_to_world()),
+            needle: needle.map(|needle| NeedlePlace::new(needle, grid, pose)),
+            parameters: single.then(|| extras::parameters(self.scene, synth)),
+            parameters_file: (!single).then(|| PARAMETERS.to_owned()),
+            warnings: self.scene.warnings.iter().chain(shot.warnings).cloned().collect(),
+        };
+        Ok(sidecar.write(&Sidecar::path_for(picture))?)
+    }
+
+    /// Finishes the sequences.
+    pub fn finish(self) -> Result<(), Failure> {
+        for sequence in self.masks.into_iter().chain(self.images) {
+            sequence.finish()?;
+        }
+        Ok(())
+    }
+}
+
+/// The needle of a frame: as much of it towards the tip as is shown.
+fn needle(state: &FrameState) -> Option<NeedlePose> {
+    let shaft = state.needle.as_ref()?;
+    let nodes = &shaft.nodes[shaft.nodes.len().saturating_sub(MAX_NODES)..];
+    NeedlePose::bent(nodes.to_vec(), shaft.diameter_mm).ok()
+}

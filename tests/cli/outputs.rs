@@ -1,0 +1,356 @@
+//! What is in the way of an output, what a later run replaces, and what an interrupt leaves.
+
+use std::fs;
+use std::path::Path;
+
+use insonify::tracking::sequence::Sequence;
+use serde_json::Value;
+
+use crate::insert::BLOCK;
+use crate::support::{Bench, Run, SCENE, grey16};
+
+const SWEEP: &str = "[motion]
+keyframes = [
+  { time_s = 0, position_mm = [0, -40, 0], direction = [0, 1, 0] },
+  { time_s = 1, position_mm = [10, -40, 0], direction = [0, 1, 0] },
+]
+";
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("sweep.toml", &format!("{SCENE}{SWEEP}"));
+    bench.write("block.toml", BLOCK);
+    bench
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON")
+}
+
+#[test]
+fn a_folder_has_the_frames_of_one_run() {
+    let bench = bench();
+    let render = |arguments: &str| bench.run(&format!("render sweep.toml --backend cpu -o out {arguments}"));
+    render("--frames 10 --layers depth").text();
+    assert_eq!(bench.files("out").len(), 20);
+    bench.write("out/mine.txt", "mine");
+    render("--frames 5").text();
+    let five: Vec<String> = (0..5).map(|frame| format!("frame_{frame:04}.png")).collect();
+    assert_eq!(bench.files("out"), [&five[..], &["mine.txt".to_owned()]].concat());
+    let list = json(&bench.path("out/insonify.json"));
+    assert_eq!(
+        (&list["command"], &list["files"]),
+        (&"render".into(), &five.clone().into())
+    );
+
+    // A frame that no list names is somebody's.
+    bench.write("out/frame_0007.png", "mine");
+    render("--frames 5").fails(2, &["out/frame_0007.png", "--force"]);
+    render("--frames 8 --force").text();
+    assert_eq!(bench.files("out").len(), 9);
+    render("--frames 5").text();
+    assert_eq!(bench.files("out").len(), 6);
+}
+
+/// Folders called as those of a run, with files that it never wrote.
+#[test]
+fn an_insertion_replaces_only_files_of_its_own() {
+    let bench = bench();
+    for (folder, file) in [
+        ("plots/thesis", "plots/thesis/fig1.svg"),
+        ("frames", "frames/recorded_0001.png"),
+        ("mesh", "mesh/body.vtu"),
+    ] {
+        fs::create_dir_all(bench.path(folder)).unwrap();
+        bench.write(file, "precious");
+    }
+    let insert = "insert block.toml -o . --backend cpu -q --frames --vtu 100";
+    bench.run(insert).text();
+    bench.run(insert).text();
+    for file in ["plots/thesis/fig1.svg", "frames/recorded_0001.png", "mesh/body.vtu"] {
+        assert_eq!(fs::read(bench.path(file)).expect(file), b"precious");
+    }
+    assert_eq!(bench.files("frames").len(), 12);
+    bench.write("frames/frame_0099.png", "mine");
+    bench.run(insert).fails(2, &["frame_0099.png", "--force"]);
+    // A mesh of the run before cannot be what this one starts from.
+    fs::remove_file(bench.path("frames/frame_0099.png")).unwrap();
+    let own = BLOCK.replacen("nodes = 300", "mesh = \"mesh/mesh_0000.vtu\"", 1);
+    bench.write("block.toml", &own);
+    bench.run(insert).fails(2, &["mesh_0000.vtu", "this run reads"]);
+}
+
+#[test]
+fn files_of_another_kind_and_inputs_are_not_overwritten() {
+    let bench = bench();
+    bench.write("notes.png", "my notes");
+    bench.write("a.json", "{ \"mine\": 1 }");
+    let render = "render sweep.toml --backend cpu --frames 1";
+    bench
+        .run(&format!("{render} -o notes.png"))
+        .fails(2, &["notes.png", "--force"]);
+    bench.run(&format!("{render} -o a.png --sidecar")).fails(2, &["a.json"]);
+    assert!(!bench.path("a.png").exists());
+    bench.run(&format!("{render} -o notes.png --force")).text();
+    bench.run(&format!("{render} -o notes.png")).text();
+    // The recording that moves the probe.
+    bench
+        .run("render sweep.toml --backend cpu --frames 2 -o sweep.mha")
+        .text();
+    let again = "[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"ProbeToWorld\"\n";
+    bench.write("again.toml", &format!("{SCENE}{again}"));
+    bench
+        .run("render again.toml --backend cpu -o ./sweep.mha")
+        .fails(2, &["sweep.mha", "this run reads"]);
+
+    bench.run("phantom two-layer --resolution-mm 5 -o block.nrrd").text();
+    bench
+        .run("mesh make block.nrrd --nodes 100 --no-complete -q -o block.vtu")
+        .text();
+    let problem = "mesh = \"block.vtu\"\n[[material]]\nyoung_kpa = 5\npoisson = 0.4\n[[fix]]\nbox_mm = [[-inf, -inf, -inf], [inf, 0, inf]]\n";
+    bench.write("problem.toml", problem);
+    bench
+        .run("solve problem.toml -o block.vtu")
+        .fails(2, &["block.vtu", "this run reads"]);
+    bench
+        .run("solve problem.toml -o out.vtu --history ./out.vtu")
+        .fails(2, &["two outputs"]);
+    bench.run("solve problem.toml -o moved.vtu").text();
+    bench.run("solve problem.toml -o moved.vtu").text();
+}
+
+/// Nothing is computed for an output that cannot be written: these would take minutes.
+#[test]
+fn what_is_in_the_way_is_found_before_the_computation() {
+    let bench = bench();
+    bench.write("file", "mine");
+    fs::create_dir(bench.path("folder.vtu")).unwrap();
+    for arguments in [
+        "puncture --step-mm 0.001 -o file",
+        "tradeoff -o file",
+        "tradeoff tissue --whole -o file",
+        "stability -o file",
+        "bench --compare -o file",
+        "insert block.toml -o file",
+        "render sweep.toml --frames 2 -o file",
+        "mesh make --phantom abdomen --nodes 30000 -o folder.vtu",
+        "phantom abdomen --resolution-mm 0.5 -o folder.vtu",
+    ] {
+        bench.run(arguments).fails(2, &["must be"]);
+    }
+    assert_eq!(
+        bench.files("."),
+        ["block.toml", "file", "folder.vtu", "scene.toml", "sweep.toml"]
+    );
+}
+
+#[test]
+fn layers_of_a_sequence_are_sequences_with_its_poses() {
+    let bench = bench();
+    let layers = "--layers label-value,sector --sidecar";
+    bench
+        .run(&format!(
+            "render sweep.toml --backend cpu --frames 3 -o pictures {layers}"
+        ))
+        .text();
+    for ending in ["mha", "nrrd"] {
+        bench
+            .run(&format!(
+                "render sweep.toml --backend cpu --frames 3 -o x.{ending} {layers}"
+            ))
+            .text();
+        let files = [format!("x_label-value.{ending}"), format!("x_sector.{ending}")];
+        assert!(
+            files.iter().all(|file| bench.files(".").contains(file)),
+            "{:?}",
+            bench.files(".")
+        );
+        let [images, masks] = [format!("x.{ending}"), files[0].clone()].map(|file| {
+            let read = Sequence::read_poses(&bench.path(&file)).expect("a sequence");
+            let frames = read.frames.iter();
+            frames
+                .map(|frame| (frame.timestamp, frame.transforms["ImageToWorld"].matrix))
+                .collect::<Vec<_>>()
+        });
+        assert_eq!(images, masks);
+        let text = fs::read(bench.path(&files[0])).expect("a file");
+        let kind: &[u8] = if ending == "mha" {
+            b"ElementType = MET_USHORT"
+        } else {
+            b"type: uint16"
+        };
+        assert!(text.windows(kind.len()).any(|part| part == kind));
+        let sidecar = json(&bench.path("x/frame_0002.json"));
+        assert_eq!(
+            sidecar["files"]["layers"][0]["path"],
+            format!("../x_label-value.{ending}")
+        );
+    }
+    // What frames share is written once.
+    let shared = json(&bench.path("pictures/parameters.json"));
+    assert!(shared["labels"].as_array().is_some_and(|labels| !labels.is_empty()));
+    let sidecar = fs::read_to_string(bench.path("pictures/frame_0001.json")).expect("a sidecar");
+    assert!(
+        sidecar.len() < 2500 && sidecar.contains("\"parameters_file\": \"parameters.json\""),
+        "{sidecar}"
+    );
+    assert!(
+        grey16(&bench.path("pictures/frame_0001_label-value.png"))
+            .1
+            .iter()
+            .any(|&value| value > 0)
+    );
+}
+
+#[test]
+fn earlier_names_of_layers_are_taken_and_told() {
+    let bench = bench();
+    let run = bench.run("render sweep.toml --backend cpu --frames 1 -o a.png --layers labels,shadowed,loss");
+    run.text();
+    assert!(
+        run.stderr.contains("note: the layer `labels` is now `label-value`"),
+        "{run:?}"
+    );
+    for name in ["a_label-value.png", "a_loss.png"] {
+        assert!(bench.path(name).exists(), "{name}");
+    }
+    let help = bench.run("render --help");
+    assert!(help.text().contains("label-value") && !help.text().contains("shadowed"));
+}
+
+#[test]
+fn frames_of_a_scene_where_nothing_moves_are_told_of_once() {
+    let bench = bench();
+    let run = bench.run("render scene.toml --backend cpu --frames 3 -o still --json");
+    let told = "all 3 frames show the same pose";
+    assert_eq!(run.stderr.matches(told).count(), 1, "{run:?}");
+    assert!(run.text().contains(told));
+    let run = bench.run("render sweep.toml --backend cpu --frames 3 -o moving");
+    assert!(!run.stderr.contains("the same pose"), "{run:?}");
+}
+
+#[cfg(unix)]
+mod unix {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    use std::process::{Command, Stdio};
+    use std::thread::sleep;
+    use std::time::{Duration, Instant};
+
+    use super::*;
+
+    /// Everything in a folder and below whose name shows that it was in the making.
+    fn leftovers(bench: &Bench) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut folders = vec![String::from(".")];
+        while let Some(folder) = folders.pop() {
+            for name in bench.files(&folder) {
+                let path = format!("{folder}/{name}");
+                if name.starts_with(".insonify-") {
+                    found.push(path.clone());
+                }
+                if bench.path(&path).is_dir() {
+                    folders.push(path);
+                }
+            }
+        }
+        found
+    }
+
+    /// Starts a long run and sends it a signal as soon as something is in the making; returns its status.
+    fn interrupted(bench: &Bench, arguments: &str, signal: &str) -> Option<i32> {
+        let mut command = bench.command(arguments);
+        let mut child = command
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("it runs");
+        let start = Instant::now();
+        while leftovers(bench).is_empty() && start.elapsed() < Duration::from_secs(60) {
+            sleep(Duration::from_millis(20));
+        }
+        sleep(Duration::from_millis(200));
+        let sent = Command::new("kill")
+            .args(["-s", signal, &child.id().to_string()])
+            .status();
+        assert!(sent.expect("kill runs").success(), "{arguments}");
+        child.wait().expect("it ends").code()
+    }
+
+    #[test]
+    fn signals_leave_nothing() {
+        let bench = bench();
+        let long = BLOCK.replacen("dt_ms = 5", "dt_ms = 0.05", 1);
+        bench.write("long.toml", &long);
+        let before = bench.files(".");
+        for (arguments, signal, status) in [
+            (
+                "render sweep.toml --backend cpu --size 900x900 --frames 2000 -o new/frames",
+                "INT",
+                130,
+            ),
+            (
+                "render sweep.toml --backend cpu --size 900x900 --frames 2000 -o frames",
+                "TERM",
+                143,
+            ),
+            ("insert long.toml --backend cpu --frames -q -o out", "HUP", 129),
+        ] {
+            assert_eq!(interrupted(&bench, arguments, signal), Some(status), "{arguments}");
+            assert_eq!(leftovers(&bench), [""; 0], "{arguments}");
+        }
+        fs::remove_dir(bench.path("new")).expect("an empty folder");
+        assert_eq!(bench.files("."), before);
+    }
+
+    #[test]
+    fn what_a_killed_run_leaves_is_cleared_by_the_next() {
+        let bench = bench();
+        let long = "render sweep.toml --backend cpu --size 900x900 --frames 2000 -o frames";
+        assert_eq!(interrupted(&bench, long, "KILL"), None);
+        assert_eq!(leftovers(&bench).len(), 1);
+        bench.run("render sweep.toml --backend cpu --frames 2 -o frames").text();
+        assert_eq!(bench.files("frames"), ["frame_0000.png", "frame_0001.png"]);
+    }
+
+    #[test]
+    fn names_that_are_not_utf_8_are_kept() {
+        let bench = bench();
+        let name = |end: &[u8]| bench.path("").join(OsStr::from_bytes(&[b"n\xff", end].concat()));
+        let mut render =
+            bench.command("render sweep.toml --backend cpu -q --frames 1 --layers depth --overview --sidecar --json");
+        render.arg("-o").arg(name(b".png"));
+        let report = Run::of(render, "render -o n\\xff.png").json();
+        assert!(
+            report["frames"][0]["path"]
+                .as_str()
+                .is_some_and(|path| path.ends_with("n\u{fffd}.png"))
+        );
+        for end in [&b".png"[..], b"_depth.png", b"_overview.png", b".json"] {
+            assert!(name(end).is_file(), "{}", end.escape_ascii());
+        }
+        let mut render = bench.command("render sweep.toml --backend cpu -q --frames 2 --layers depth --sidecar");
+        render.arg("-o").arg(name(b".mha"));
+        Run::of(render, "render -o n\\xff.mha").text();
+        assert!(name(b"_depth.mha").is_file() && name(b"/frame_0001.json").is_file());
+    }
+
+    #[test]
+    fn a_header_that_is_not_utf_8_finds_its_image() {
+        let bench = bench();
+        let formats = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/formats");
+        if !formats.is_dir() {
+            eprintln!("skipped: {} is missing", formats.display());
+            return;
+        }
+        for ending in ["hdr", "img"] {
+            let to = bench
+                .path("")
+                .join(OsStr::from_bytes(&[b"n\xff.", ending.as_bytes()].concat()));
+            fs::copy(formats.join(format!("niivue_ras.{ending}")), to).expect("copied");
+        }
+        let mut info = bench.command("info");
+        info.arg(bench.path("").join(OsStr::from_bytes(b"n\xff.hdr")));
+        Run::of(info, "info n\\xff.hdr").text();
+    }
+}
