@@ -3,15 +3,13 @@
 mod coverage;
 pub mod extras;
 pub mod output;
+mod place;
 pub mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use insonify::output::folder::Folder;
-use insonify::output::png;
-use insonify::output::sidecar::Sidecar;
 use insonify::quality::Picked;
 use insonify::scene::Scene;
 use insonify::synth::{FrameState, PassTime, Synthesizer};
@@ -24,7 +22,8 @@ use super::input::Input;
 use super::output::Force;
 use super::terminal;
 use extras::Extras;
-use output::{Output, PARAMETERS, Shot};
+use output::{Output, Shot};
+use place::Place;
 use target::Target;
 
 const EXAMPLES: &str = "\
@@ -107,9 +106,10 @@ impl Render {
             insonify::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
-        self.extras.check(&scene)?;
+        self.extras.check(&scene, self.quiet)?;
         let target = Target::choose(self.output.as_deref(), count)?;
         let place = Place::open(target, &self.extras, self.force, &self.input.files())?;
+        place.left().iter().for_each(terminal::warn);
         let output = Output::open(place.inner.clone(), &self.extras, &scene, count)?;
         let mut chosen = self
             .backend
@@ -209,71 +209,6 @@ fn repeated(scene: &Scene, count: usize) -> Option<String> {
              [motion] moves the probe"
         )
     })
-}
-
-/// Where frames go, and where they are until the last is done.
-struct Place {
-    /// What was asked for.
-    path: PathBuf,
-    /// Where frames are written.
-    inner: Target,
-    folder: Option<Folder>,
-}
-
-impl Place {
-    /// Looks whether everything can be written where it is to be.
-    fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
-        let path = target.path().to_owned();
-        let layers = extras.layers();
-        let mut files: Vec<PathBuf> = layers
-            .iter()
-            .map(|layer| png::layer_path(&path, layer.name()))
-            .collect();
-        files.insert(0, path.clone());
-        let beside = extras.sidecar || extras.overview;
-        let folder = |folder: &Path| {
-            force
-                .folder(folder, "render", &["frame_", PARAMETERS], inputs)
-                .map(Some)
-        };
-        let check = |files: &[PathBuf]| {
-            let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
-            force.check(&files, inputs)
-        };
-        let (inner, folder) = match target {
-            Target::File(file) => {
-                files.extend(extras.overview.then(|| png::layer_path(&file, "overview")));
-                files.extend(extras.sidecar.then(|| Sidecar::path_for(&file)));
-                check(&files)?;
-                (Target::File(file), None)
-            }
-            Target::Folder(target) => {
-                let folder = folder(&target)?;
-                let inner = folder.as_ref().map_or(target, |folder| folder.path().to_owned());
-                (Target::Folder(inner), folder)
-            }
-            Target::Sequence(file, target) => {
-                check(&files)?;
-                let folder = if beside { folder(&target)? } else { None };
-                let inner = folder.as_ref().map_or(target, |folder| folder.path().to_owned());
-                (Target::Sequence(file, inner), folder)
-            }
-        };
-        Ok(Self { path, inner, folder })
-    }
-
-    /// Where a file that was written will be.
-    fn of(&self, file: &Path) -> PathBuf {
-        self.folder
-            .as_ref()
-            .map_or(file.to_owned(), |folder| folder.place(file))
-    }
-
-    /// Moves the frames to where they were asked for; returns that.
-    fn install(self) -> Result<PathBuf, Failure> {
-        self.folder.map_or(Ok(()), Folder::install)?;
-        Ok(self.path)
-    }
 }
 
 impl Report {

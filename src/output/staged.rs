@@ -139,9 +139,11 @@ fn is_named(name: &Path) -> bool {
 pub fn abandon() {
     const TRIES: usize = 50;
     let live = hold();
-    // What lies within a folder comes after it.
-    for path in live.iter().rev() {
-        let staged = path.file_name().is_some_and(|name| is_named(Path::new(name)));
+    let is_staged = |path: &&PathBuf| path.file_name().is_some_and(|name| is_named(Path::new(name)));
+    let (staged, made): (Vec<_>, Vec<_>) = live.iter().partition(is_staged);
+    // Folders that were made are empty only then.
+    for path in staged.into_iter().chain(made) {
+        let staged = is_staged(&path);
         // Other threads may still make folders in it.
         for _ in 0..TRIES {
             let removed = match (path.is_dir(), staged) {

@@ -107,7 +107,7 @@ fn files_of_another_kind_and_inputs_are_not_overwritten() {
     bench
         .run("mesh make block.nrrd --nodes 100 --no-complete -q -o block.vtu")
         .text();
-    let problem = "mesh = \"block.vtu\"\n[[material]]\nyoung_kpa = 5\npoisson = 0.4\n[[fix]]\nbox_mm = [[-inf, -inf, -inf], [inf, 0, inf]]\n";
+    let problem = "mesh = \"block.vtu\"\n[[material]]\nyoung_kpa = 5\npoisson = 0.4\n[[fix]]\nbox_mm = [[-inf, -inf, -inf], [inf, 0, inf]]\n[[load]]\nbox_mm = [[-inf, 20, -inf], [inf, inf, inf]]\nforce_n = [0, 0, 0.01]\n";
     bench.write("problem.toml", problem);
     bench
         .run("solve problem.toml -o block.vtu")

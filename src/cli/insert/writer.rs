@@ -83,9 +83,6 @@ impl<'a> Writer<'a> {
             true => Target::Sequence(self.folder.join("frames.mha"), self.folder.join("frames")),
             false => Target::Folder(self.folder.join("frames")),
         });
-        if let Some(Target::Folder(folder)) = &target {
-            make(folder)?;
-        }
         let scenario = self.scenario;
         let count = moments(scenario, scenario.timing.frame_s);
         let output = target.map(|target| Output::open(target, &Extras::default(), &scenario.scene, count));

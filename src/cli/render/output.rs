@@ -1,9 +1,10 @@
 //! Frames on their way to files, with what was asked for beside them.
 
+use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use insonify::output::atomic;
+use insonify::output::atomic::{self, WriteError};
 use insonify::output::png;
 use insonify::output::sequence::{FrameInfo, SequenceWriter};
 use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
@@ -49,10 +50,18 @@ pub struct Shot<'a> {
 }
 
 impl<'a> Output<'a> {
-    /// Starts the sequences, if frames go to one. The folder of `target` is there.
+    /// Makes the folder that numbered files go to, and starts the sequences if frames go to one.
     pub fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
         let size = scene.settings.image;
         let layers = extras.layers();
+        let folder = match &target {
+            Target::Folder(folder) => Some(folder),
+            Target::Sequence(_, folder) if extras.sidecar || extras.overview => Some(folder),
+            _ => None,
+        };
+        if let Some(folder) = folder {
+            fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+        }
         let (mut images, mut masks) = (None, Vec::new());
         if let Target::Sequence(path, _) = &target {
             images = Some(SequenceWriter::create(path, size.width, size.height)?);
