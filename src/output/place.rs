@@ -33,7 +33,11 @@ pub enum PlaceError {
         expected: &'static str,
     },
     /// A file that this program did not write, or that is of another kind.
-    #[error("{}: this file is there already and is not an earlier output; name another place, or replace it with --force", path.display())]
+    #[error(
+        "{}: this file is in the way: it is of another kind, or no earlier run into this folder lists it; name another place, or \
+         replace it with --force",
+        path.display()
+    )]
     Taken {
         /// The file.
         path: PathBuf,
