@@ -85,23 +85,31 @@ impl Cache {
     /// # Errors
     /// [`PlaceError`].
     pub fn check(&self, thing: &[&str]) -> Result<(), PlaceError> {
-        let Some(path) = self.path(thing) else { return Ok(()) };
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+        match self.made(thing)? {
+            Some(path) => place::check(&[&path], &[], true),
+            None => Ok(()),
         }
-        place::check(&[&path], &[], true)
     }
 
-    /// Keeps what was measured, in a folder that is there.
+    /// Keeps what was measured.
     ///
     /// # Errors
     /// [`WriteError`].
     pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), WriteError> {
-        let Some(path) = self.path(thing) else { return Ok(()) };
+        let Some(path) = self.made(thing)? else { return Ok(()) };
         atomic::write(&path, |file| {
             let text = serde_json::to_string_pretty(costs)?;
             writeln!(file, "{text}")
         })
+    }
+
+    /// Where a thing is kept, in a folder that is made.
+    fn made(&self, thing: &[&str]) -> Result<Option<PathBuf>, WriteError> {
+        let path = self.path(thing);
+        if let Some(folder) = path.as_deref().and_then(Path::parent) {
+            std::fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+        }
+        Ok(path)
     }
 
     /// Where a thing is kept.
