@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crate::mechanics::mesh::InvalidMesh;
 use crate::memory::TooLarge;
-use crate::read;
 use crate::output::atomic::WriteError;
+use crate::read;
 
 /// Why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
