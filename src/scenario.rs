@@ -26,7 +26,10 @@
 //! # Ok::<(), insonify::scenario::ScenarioError>(())
 //! ```
 
+mod aim;
 mod carried;
+mod clearance;
+mod cut;
 mod cylinder;
 mod error;
 mod file;
@@ -41,6 +44,7 @@ pub mod record;
 mod regions;
 mod resolve;
 pub mod run;
+mod scene;
 mod stiffened;
 mod summary;
 #[cfg(test)]
@@ -51,11 +55,12 @@ mod trial;
 use std::path::Path;
 
 use crate::document;
+use crate::scene::SceneFile;
 
 pub use cylinder::CylinderSpec;
 pub use error::{ScenarioError, Wrong};
 pub use file::{RunSpec, ScenarioFile, SceneSource, VERSION};
-pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, NeedleModel, NeedleTable};
+pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, EntrySpec, NeedleModel, NeedleTable};
 pub use needle::{Bending, NeedleSettings};
 pub use plan::{Deposit, Guide, Target};
 pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
@@ -84,12 +89,28 @@ pub const EXAMPLES: &[(&str, &str)] = &[
     ),
 ];
 
+/// Every key of a scenario, explained.
+pub const REFERENCE: &str = include_str!("../assets/scenario.toml");
+
 /// The JSON schema of a scenario file.
 pub fn schema() -> serde_json::Value {
     schemars::schema_for!(ScenarioFile).to_value()
 }
 
 impl ScenarioFile {
+    /// A needle that goes to a target in a label file: the probe is placed over the target, the needle enters beside it.
+    pub fn for_labels(path: &Path, target: &str) -> Self {
+        Self {
+            version: Some(VERSION),
+            scene: Some(SceneSource::Inline(Box::new(SceneFile::for_labels(path)))),
+            needle: Some(NeedleTable {
+                target: Some(target.to_owned()),
+                ..NeedleTable::default()
+            }),
+            ..Self::default()
+        }
+    }
+
     /// Reads a scenario file.
     ///
     /// # Errors

@@ -149,6 +149,22 @@ impl Scene {
         }
     }
 
+    /// Labels and what they are made of.
+    pub(crate) fn body(&self) -> Body<'_> {
+        Body {
+            volume: &self.anatomy.volume,
+            tissues: &self.anatomy.tissues,
+        }
+    }
+
+    /// The scene with a needle that moves as a table says.
+    pub(crate) fn with_needle(mut self, table: NeedleTable) -> Result<Self, SceneError> {
+        self.file.needle = Some(table);
+        self.needle = self.file.needle(Path::new(""), &mut self.warnings)?;
+        self.settings.has_needle = true;
+        Ok(self)
+    }
+
     /// The path of the probe.
     pub fn probe_path(&self) -> &Trajectory {
         &self.probe

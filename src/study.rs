@@ -24,7 +24,7 @@ mod block;
 mod fractional;
 pub mod inspect;
 pub mod machine;
-mod page;
+pub(crate) mod page;
 pub mod parity;
 pub mod plot;
 pub mod puncture;

@@ -15,6 +15,7 @@ use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::output::{Force, inputs};
 use super::quality::QualityArgs;
+use super::render::extras::Extras;
 use super::terminal;
 use writer::{FILES, Writer};
 
@@ -38,18 +39,22 @@ The scenario file names a scene (what is imaged, and how the probe lies or moves
   direction = [0.0, 0.0, 1.0]
 
 Examples:
-  insonify insert liver-biopsy -o out              a scenario that comes with the program
-  insonify insert --example liver-biopsy > my.toml the same as a file, commented, ready to edit
-  insonify insert my.toml -o out --frames          frames too, as numbered pictures in out/frames
-  insonify insert my.toml -o out --frames=mha      as an image sequence with the pose of each frame, out/frames.mha
-  insonify insert my.toml -o out --preview         an animated picture of them, out/preview.gif
-  insonify insert my.toml -o out --vtu 100         the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView
+  insonify insert --labels ct.nii.gz --target kidney_right -o out   a label file alone: probe and path are chosen, and printed
+  insonify insert liver-biopsy -o out               a scenario that comes with the program
+  insonify insert --example segmentation-biopsy > my.toml   as a file; this one needs the path of your label file in `file`
+  insonify insert --reference                       every key with its unit, range and default
+  insonify insert my.toml -o out --images           numbered pictures in out/frames
+  insonify insert my.toml -o out --images=mha       an image sequence with the pose of each image, out/frames.mha
+  insonify insert my.toml -o out --images --layers label-value,needle --sidecar --overview
+                                                    ground truth beside each image, with the needle and the displaced tissue
+  insonify insert my.toml -o out --preview          an animated picture, out/preview.gif
+  insonify insert my.toml -o out --vtu 100          the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView
   insonify insert my.toml -o out --json | jq .step_ms
-  insonify schema insert                           every key, as a JSON schema
 
-Writes out/steps.csv (a line a step: poses, tip, force and torque on the hand in the needle's base frame and in the world, force on
-the probe, contacts, milliseconds), out/plots, out/index.html that shows them, and out/summary.json. Forces on the hand are what the
-needle does to it: along the base's z axis, which points into the body, they are negative while the needle is pushed in.
+Writes out/index.html (images, plots, events), out/plots, out/summary.json and out/steps.csv, a line a step. Its columns carry their unit
+(_mm, _n, _nmm, _s, _ms) but for directions (base_dx, base_dy, base_dz), counts and flags. base_* is in the needle's base frame,
+whose z axis points into the body, world_* in the world (LPS). Forces on the hand are what the needle does to it: along z negative while
+it is pushed in. docs/insertion.md explains each column, event and key of the summary.
 Files of the run before, which out/insonify.json lists, are replaced when the run is done, and only then; other files stay.
 Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could not do.";
 
@@ -58,17 +63,28 @@ Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could
 #[command(after_help = EXAMPLES)]
 pub struct Insert {
     /// Scenario file (TOML), or the name of one that comes with the program
-    #[arg(value_name = "SCENARIO.toml", required_unless_present = "example")]
+    #[arg(value_name = "SCENARIO.toml", required_unless_present_any = ["example", "reference", "labels"])]
     scenario: Option<PathBuf>,
+    /// In place of a scenario: a label file (NIfTI, NRRD or MetaImage); the probe is placed over the target
+    #[arg(long, value_name = "FILE", conflicts_with = "scenario", requires = "target")]
+    labels: Option<PathBuf>,
+    /// With --labels: the needle goes from beside the probe to this label or tissue, and back; a part of a name will do
+    #[arg(long, value_name = "NAME", requires = "labels")]
+    target: Option<String>,
     /// Print a scenario that comes with the program
-    #[arg(long, value_name = "NAME", value_parser = names(), conflicts_with_all = ["scenario", "json", "output", "frames", "preview", "vtu"])]
+    #[arg(long, value_name = "NAME", value_parser = names(), exclusive = true)]
     example: Option<String>,
+    /// Print every key of a scenario with its unit, range and default
+    #[arg(long, exclusive = true)]
+    reference: bool,
     /// Folder to write to
-    #[arg(short, long, value_name = "DIR", required_unless_present = "example")]
+    #[arg(short, long, value_name = "DIR", required_unless_present_any = ["example", "reference"])]
     output: Option<PathBuf>,
-    /// Render frames at the scenario's rate: `png` for numbered pictures, `mha` for an image sequence
-    #[arg(long, value_enum, value_name = "KIND", num_args = 0..=1, require_equals = true, default_missing_value = "png")]
-    frames: Option<Frames>,
+    /// Render images at the scenario's rate: `png` for numbered pictures, `mha` for an image sequence; also called --frames
+    #[arg(long, alias = "frames", value_enum, value_name = "KIND", num_args = 0..=1, require_equals = true, default_missing_value = "png")]
+    images: Option<Images>,
+    #[command(flatten)]
+    extras: Extras,
     /// Make an animated picture of the frames, small: preview.gif
     #[arg(long)]
     preview: bool,
@@ -89,9 +105,9 @@ pub struct Insert {
     quiet: bool,
 }
 
-/// How frames are written.
+/// Files that images go to.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Frames {
+pub enum Images {
     /// Numbered pictures in a folder
     Png,
     /// An image sequence with the pose of each frame
@@ -110,18 +126,18 @@ struct Report<'a> {
 
 impl Insert {
     pub fn run(&self) -> Result<(), Failure> {
-        let (Some(path), Some(output)) = (&self.scenario, &self.output) else {
+        let (Some(path), Some(output)) = (self.scenario.as_ref().or(self.labels.as_ref()), &self.output) else {
             let named = scenario::EXAMPLES
                 .iter()
                 .find(|(name, _)| self.example.as_deref() == Some(*name));
-            return terminal::emit(named.map_or("", |(_, text)| *text));
+            return terminal::emit(named.map_or(scenario::REFERENCE, |(_, text)| *text));
         };
         self.backend.check()?;
         let folder = self.force.folder(output, "insert", FILES, &inputs(path))?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
         let asked = Asked {
-            frames: self.frames.is_some() || self.preview,
+            frames: self.images().is_some() || self.preview,
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
         if asked.frames {
@@ -136,9 +152,10 @@ impl Insert {
         let mut model = model?;
         let mut writer = Writer::new(&scenario, folder.path(), asked, self.quiet)?;
         if asked.frames {
+            self.extras.check(&scenario.scene, self.quiet)?;
             let anatomy = scenario.scene.anatomy.clone();
             let chosen = self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?;
-            writer.render(chosen, self.frames.map(|kind| kind == Frames::Mha), self.preview)?;
+            writer.render(chosen, self.images(), &self.extras, self.preview)?;
         }
         let mut summary = run(&scenario, model.as_mut(), asked, &mut writer)?;
         let name = path.display().to_string();
@@ -163,13 +180,22 @@ impl Insert {
         Ok(())
     }
 
-    /// Reads the scenario and all that it names, and tells what was assumed and what is odd.
-    fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Failure> {
+    /// Files that images go to; ground truth beside images asks for pictures.
+    fn images(&self) -> Option<Images> {
+        let beside = self.extras.sidecar || self.extras.overview || !self.extras.layers().is_empty();
+        self.images.or(beside.then_some(Images::Png))
+    }
+
+    /// The scenario as it is written, or for a label file.
+    fn file(&self, path: &Path) -> Result<ScenarioFile, Failure> {
+        if let Some(target) = &self.target {
+            return Ok(ScenarioFile::for_labels(path, target));
+        }
         let name = path.to_str().unwrap_or_default();
         let ready = scenario::EXAMPLES
             .iter()
             .find(|(known, _)| *known == name && !path.is_file());
-        let mut file = match ready {
+        Ok(match ready {
             Some((name, text)) => ScenarioFile::parse(text, name)?,
             None if path.extension().is_none() && !path.exists() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
@@ -180,8 +206,16 @@ impl Insert {
                 ));
             }
             None => ScenarioFile::read(path)?,
+        })
+    }
+
+    /// Reads the scenario and all that it names, and tells what was assumed and what is odd.
+    fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Failure> {
+        let mut file = self.file(path)?;
+        let folder = match self.labels {
+            Some(_) => Path::new(""),
+            None => path.parent().unwrap_or(Path::new("")),
         };
-        let folder = path.parent().unwrap_or(Path::new(""));
         let picked = self.quality.steps(&mut file, folder, self.quiet)?;
         let bar = terminal::share(self.quiet);
         bar.set_message("making the mesh");
@@ -207,8 +241,12 @@ fn told(summary: &Summary, output: &Path) -> String {
         0 => String::new(),
         left => format!(", {left} seeds"),
     };
+    let targets = summary.targets.iter();
+    let targets: String = targets
+        .map(|target| format!(", tip within {:.1} mm of {}", target.nearest_tip_mm, target.name))
+        .collect();
     format!(
-        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm, {} remeshes{seeds}; \
+        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} remeshes{seeds}; \
          a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
         output.display(),
         summary.steps,

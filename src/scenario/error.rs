@@ -173,7 +173,11 @@ impl ScenarioFile {
     /// An error of the scene: of its own file, or of the part of this one that it was made from.
     pub(super) fn of_scene(&self, error: SceneError, is_inline: bool) -> ScenarioError {
         let key = error.key().map(str::to_owned);
-        let error = error.map(Wrong::Scene);
+        let mut error = error.map(Wrong::Scene);
+        if is_inline && key.as_deref() == Some("volume.file") && self.source.is_some() {
+            let help = "the key `file` under [scene.volume] names the label file: put the path of your own there";
+            error = error.with_help(Some(help.to_owned()));
+        }
         match key {
             Some(key) if key.starts_with("needle") => error.at_key(key, self.source.as_ref()),
             Some(key) if is_inline => error.at_key(format!("scene.{key}"), self.source.as_ref()),

@@ -20,7 +20,7 @@ pub const VERSION: u32 = 1;
 
 /// A needle insertion: a scene, the tissue that yields in it, and how needle and probe move. Paths are relative to the folder
 /// that the file lies in.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioFile {
     /// Version of the format: 1.

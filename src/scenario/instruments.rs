@@ -1,6 +1,10 @@
 //! Needle and probe of a scenario as they are written.
 
+use std::fmt;
+
 use schemars::JsonSchema;
+use serde::de::value::SeqAccessDeserializer;
+use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use crate::document::RegionName;
@@ -31,11 +35,54 @@ pub struct NeedleTable {
     pub young_gpa: Option<f64>,
     /// `constrained` only: how far it may bend.
     pub bending: Option<ConstraintSpec>,
-    /// How it moves, as in a scene. The tip and direction are those of the needle that nothing bends. Not with `plan.needle`,
-    /// which moves it.
+    /// In place of `motion`: what it goes to and comes back from, straight, at `plan.speed_mm_s` and with `plan.pause_s`: the name of
+    /// a label or tissue, a part of one (the largest label that has it counts), or a label value. The tip goes to the innermost
+    /// point of it in the image plane. A probe without a pose is placed over it, and a mesh without `box_mm` is made around the path.
+    pub target: Option<String>,
+    /// With `target`: where it enters, `"beside the probe"` or a point on the skin (LPS), mm. Beside the probe is in the image plane,
+    /// the nearest place 10 to 60 mm from an end of the array from which the path keeps 3 mm from bone and, if possible, from which
+    /// it meets no gas or lung. Default `"beside the probe"`.
+    pub entry: Option<EntrySpec>,
+    /// How it moves, as in a scene. The tip and direction are those of the needle that nothing bends. Not with `plan.needle` or
+    /// `target`, which move it.
     pub motion: Option<NeedleMotionSpec>,
     /// Times at which a seed is left at the tip, s, ascending. With `plan.needle` its seeds say it.
     pub deposit_s: Vec<f64>,
+}
+
+/// The entry that is looked for in the image plane.
+pub(super) const BESIDE: &str = "beside the probe";
+
+/// Entry of a needle.
+#[derive(Clone, Debug, PartialEq, JsonSchema)]
+#[schemars(untagged)]
+pub enum EntrySpec {
+    /// `"beside the probe"`.
+    Named(String),
+    /// A point on the skin (LPS), mm.
+    At([f64; 3]),
+}
+
+impl<'de> Deserialize<'de> for EntrySpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = EntrySpec;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "\"{BESIDE}\" or a point [x, y, z]")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(EntrySpec::Named(name.to_owned()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, point: A) -> Result<Self::Value, A::Error> {
+                Deserialize::deserialize(SeqAccessDeserializer::new(point)).map(EntrySpec::At)
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
 }
 
 /// Models of needles.

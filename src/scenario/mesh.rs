@@ -5,6 +5,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::cut;
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
@@ -97,10 +98,7 @@ impl ScenarioFile {
         let volume = &scene.anatomy.volume;
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
-        let mut outside = Vec::new();
-        for (at, name) in self.tissue.outside.iter().enumerate() {
-            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
-        }
+        let outside = self.outside(&regions)?;
         let labels = match &self.tissue.box_mm {
             None => std::borrow::Cow::Borrowed(volume.voxels()),
             Some(corners) => std::borrow::Cow::Owned(self.cropped(volume, corners)?),
@@ -137,6 +135,15 @@ impl ScenarioFile {
         Ok(made.mesh)
     }
 
+    /// Numbers of the labels that are left out.
+    pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+        let mut outside = Vec::new();
+        for (at, name) in self.tissue.outside.iter().enumerate() {
+            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
+        }
+        Ok(outside)
+    }
+
     /// The labels with all that lies outside a box unlabelled.
     fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
         let [low, high] =
@@ -167,6 +174,7 @@ impl ScenarioFile {
         mesh: &TetMesh,
         names: &Regions<'_>,
         made_of: &BTreeMap<i32, Region>,
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<(u32, u8)>, ScenarioError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];
@@ -186,6 +194,19 @@ impl ScenarioFile {
             &|region| made_of.get(&region).is_some_and(|of| of.rigid),
             &[0, 1, 2],
         );
+        if let (Some(corners), true) = (&self.tissue.box_mm, self.tissue.fix.is_empty()) {
+            let (outside, volume) = (self.outside(names)?, names.volume());
+            let is_tissue = |label: u8| {
+                let value = volume.labels()[usize::from(label)].value;
+                label > 0 && !outside.iter().any(|out| i64::from(*out) == value)
+            };
+            let held = cut::nodes(mesh, corners, volume, is_tissue);
+            notes.push(format!(
+                "the mesh is fixed where `box_mm` cuts the tissue ({} nodes)",
+                held.len()
+            ));
+            held.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
+        }
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
             let nodes_wrong = |odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1));

@@ -7,7 +7,7 @@ use super::file::ScenarioFile;
 use super::instruments::{BevelSpec, NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
 use crate::mechanics::needle::{self, beam::bending_stiffness_nmm2};
-use crate::scene::{NeedleMotionSpec, NeedleTable as SceneNeedle};
+use crate::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
 
@@ -224,32 +224,59 @@ impl ScenarioFile {
         })
     }
 
-    /// The needle as its scene is given it, the seeds that it is to leave and the holes that guide it.
-    pub(super) fn moving(&self, needle: &NeedleSettings) -> Result<Moving, ScenarioError> {
+    /// Refuses a needle that nothing moves, or two things at once.
+    pub(super) fn mover(&self) -> Result<(), ScenarioError> {
         let table = self.needle_table()?;
-        let (motion, deposits, guides) = match (self.insertions(needle.length_mm)?, &table.motion) {
-            (Some(_), Some(_)) => {
-                let found = "both `plan.needle` and `needle.motion`";
-                return Err(self.wrong_keys("needle.motion", found, "one of them: a plan moves the needle"));
-            }
-            (None, None) => {
-                let expected =
-                    "`[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or `[[plan.needle]]`";
+        let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
+        let movers = [
+            ("plan.needle", planned),
+            ("needle.motion", table.motion.is_some()),
+            ("needle.target", table.target.is_some()),
+        ];
+        let given: Vec<&str> = movers.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
+        match given[..] {
+            [] => {
+                let expected = "`target`, `[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or \
+                                `[[plan.needle]]`";
                 return Err(self.wrong_keys("needle", "a needle that does not move", expected));
             }
-            (Some(plan), None) if !table.deposit_s.is_empty() => {
-                drop(plan);
-                let found = "both `plan.needle` and `needle.deposit_s`";
-                return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
+            [_] => {}
+            [first, second, ..] => {
+                let found = format!("both `{first}` and `{second}`");
+                return Err(self.wrong_keys(second, found, "one of them: each moves the needle"));
             }
-            (Some(plan), None) => {
-                let motion = NeedleMotionSpec {
-                    keyframes: Some(plan.keyframes),
-                    ..NeedleMotionSpec::default()
-                };
-                (motion, plan.deposits, plan.guides)
+        }
+        if table.entry.is_some() && table.target.is_none() {
+            return Err(self.wrong_keys("needle.entry", "`entry` without `target`", "both, or neither"));
+        }
+        if planned && !table.deposit_s.is_empty() {
+            let found = "both `plan.needle` and `needle.deposit_s`";
+            return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
+        }
+        Ok(())
+    }
+
+    /// The needle as its scene is given it, the seeds that it is to leave and the holes that guide it; `aimed` moves one that is aimed.
+    pub(super) fn moving(
+        &self,
+        needle: &NeedleSettings,
+        aimed: Option<Vec<NeedleKeyframe>>,
+    ) -> Result<Moving, ScenarioError> {
+        let table = self.needle_table()?;
+        let of_keyframes = |keyframes| NeedleMotionSpec {
+            keyframes: Some(keyframes),
+            ..NeedleMotionSpec::default()
+        };
+        let (motion, deposits, guides) = match (self.insertions(needle.length_mm)?, aimed) {
+            (Some(plan), _) => (of_keyframes(plan.keyframes), plan.deposits, plan.guides),
+            (None, aimed) => {
+                let motion = aimed.map(of_keyframes).or_else(|| table.motion.clone());
+                (
+                    motion.unwrap_or_default(),
+                    self.commanded(&table.deposit_s)?,
+                    Vec::new(),
+                )
             }
-            (None, Some(motion)) => (motion.clone(), self.commanded(&table.deposit_s)?, Vec::new()),
         };
         let needle = SceneNeedle {
             length_mm: Some(needle.length_mm),

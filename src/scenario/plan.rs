@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::error::ScenarioError;
 use super::file::ScenarioFile;
-use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlannedNeedle, TemplateSpec};
+use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle, TemplateSpec};
 use crate::document::nearest;
 use crate::scene::NeedleKeyframe;
 
@@ -95,14 +95,7 @@ impl ScenarioFile {
         let Some(plan) = &self.plan else { return Ok(None) };
         // What is written is right, whether a needle needs it or not.
         let template = plan.template.as_ref().map(|spec| self.template(spec)).transpose()?;
-        let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
-            self.number(format!("plan.{key}"), found, |x| (low..=high).contains(&x), expected)
-        };
-        let pause_s = plan.pause_s.unwrap_or(DEFAULT_PAUSE_S);
-        let pause_s = time("pause_s", pause_s, [0.01, 1000.0], "0.01 to 1000 s")?;
-        let mut now_s = time("start_s", plan.start_s.unwrap_or(0.0), [0.0, 1e6], "0 to 1e6 s")?;
-        let speed_mm_s = plan.speed_mm_s.unwrap_or(DEFAULT_SPEED_MM_S);
-        let speed_mm_s = self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?;
+        let [mut now_s, speed_mm_s, pause_s] = self.pace()?;
         if plan.needle.is_empty() {
             return Ok(None);
         }
@@ -119,6 +112,20 @@ impl ScenarioFile {
             self.insertion(&template, (at, needle), usual, &mut now_s, &mut made)?;
         }
         Ok(Some(made))
+    }
+
+    /// Start (s), speed (mm/s) and pause at full depth (s) of needles that state none.
+    pub(super) fn pace(&self) -> Result<[f64; 3], ScenarioError> {
+        let plan = self.plan.as_ref();
+        let stated = |of: fn(&PlanSpec) -> Option<f64>, usual: f64| plan.and_then(of).unwrap_or(usual);
+        let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
+            self.number(format!("plan.{key}"), found, |x| (low..=high).contains(&x), expected)
+        };
+        let pause_s = stated(|plan| plan.pause_s, DEFAULT_PAUSE_S);
+        let pause_s = time("pause_s", pause_s, [0.01, 1000.0], "0.01 to 1000 s")?;
+        let start_s = time("start_s", stated(|plan| plan.start_s, 0.0), [0.0, 1e6], "0 to 1e6 s")?;
+        let speed_mm_s = stated(|plan| plan.speed_mm_s, DEFAULT_SPEED_MM_S);
+        Ok([start_s, self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?, pause_s])
     }
 
     /// A speed of insertion, mm/s.

@@ -14,13 +14,13 @@ pub const DEFAULT_PAUSE_S: f64 = 0.5;
 pub struct PlanSpec {
     /// The template that guides the needles.
     pub template: Option<TemplateSpec>,
-    /// Speed of needles that state none, mm/s (above 0, at most 1000). Default 10.
+    /// Speed of needles that state none, and of `needle.target`, mm/s (above 0, at most 1000). Default 10.
     pub speed_mm_s: Option<f64>,
     /// Time at full depth, and outside between one insertion and the next, s (0.01 to 1000). Default 0.5.
     pub pause_s: Option<f64>,
     /// When the first insertion starts, s (0 to 1e6). Default 0.
     pub start_s: Option<f64>,
-    /// Insertions through the template, one after another, in place of `needle.motion`.
+    /// Insertions through the template, one after another, in place of `needle.motion` and `needle.target`.
     pub needle: Vec<PlannedNeedle>,
     /// Places that needles or seeds are to reach, for the report.
     pub target: Vec<TargetSpec>,

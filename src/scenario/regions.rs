@@ -11,9 +11,10 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::scene::{Body, Scene};
 use crate::tissue::Tissue;
+use crate::volume::LabelVolume;
 
 /// Young's modulus from which a tissue is rigid unless a scenario says otherwise, kPa.
-const RIGID_KPA: f64 = 1e6;
+pub(super) const RIGID_KPA: f64 = 1e6;
 /// Bone where a scenario states no other, felt as a stop: a hand that pushes with up to 20 N has the tip where it would have it
 /// freely, within 0.5 mm; every mm farther takes 40 N more and moves the tip no deeper.
 const BONE: Bone = Bone {
@@ -44,11 +45,13 @@ impl<'a> Regions<'a> {
         Self { file, scene, named }
     }
 
+    /// The volume whose labels they are.
+    pub fn volume(&self) -> &LabelVolume {
+        &self.scene.anatomy.volume
+    }
+
     fn body(&self) -> Body<'_> {
-        Body {
-            volume: &self.scene.anatomy.volume,
-            tissues: &self.scene.anatomy.tissues,
-        }
+        self.scene.body()
     }
 
     /// The label whose value is the number of a region.

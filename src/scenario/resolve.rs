@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 
+use super::clearance;
 use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
-use super::file::{RunSpec, ScenarioFile, SceneSource, VERSION};
+use super::file::{RunSpec, ScenarioFile, VERSION};
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
 use super::tissue::{ColumnsName, TissueModel};
-use crate::document::nearest;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::TetMesh;
@@ -23,7 +23,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::quality::QualitySpec;
-use crate::scene::{self, EXAMPLES, Scene, SceneFile};
+use crate::scene::Scene;
 use crate::tracking::needle::NeedlePath;
 
 /// Most steps of a run: hours of simulated time at a millisecond each.
@@ -45,6 +45,11 @@ pub struct Timing {
 }
 
 impl Timing {
+    /// The most moments at equal distances (s) that the run has.
+    pub fn moments(&self, every_s: f64) -> u64 {
+        (self.steps as f64 * self.dt_s / every_s) as u64 + 1
+    }
+
     /// The time at the end of a step, counted from 1, in the time of the motions; 0 is where they start. s.
     pub fn at(&self, step: u64) -> f64 {
         self.start_s + step as f64 * self.dt_s
@@ -139,6 +144,15 @@ impl Scenario {
         rigid(&self.scene.probe_path().at(self.timing.at(step)))
     }
 
+    /// True of skin.
+    pub(super) fn is_skin(&self, region: i32) -> bool {
+        let anatomy = &self.scene.anatomy;
+        let labels = anatomy.volume.labels().iter();
+        let at = labels.clone().position(|label| label.value == i64::from(region));
+        let tissue = at.map(|at| anatomy.tissues.of(at as u8).name.as_ref());
+        tissue == Some("skin") || self.region_name(region) == "skin"
+    }
+
     /// What a region is called.
     pub fn region_name(&self, region: i32) -> &str {
         self.region_names.get(&region).map_or("", String::as_str)
@@ -177,51 +191,34 @@ impl ScenarioFile {
         let modelling = self.modelling()?;
         let stiffening = self.stiffening()?;
         let needle = self.needle_settings()?;
-        let Moving {
-            needle: moving,
-            deposits,
-            guides,
-        } = self.moving(&needle)?;
-        let targets = self.targets()?;
-
-        let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
-        file.needle = Some(moving);
-        let mut scene = file.resolve(&folder).map_err(|error| self.of_scene(error, is_inline))?;
-        // A needle that goes in is to be seen, whether the scene thought of one or not.
-        scene.settings.effects.needle.get_or_insert_default();
+        self.mover()?;
+        let mut targets = self.targets()?;
+        let (mut scene, moving, aim) = self.scene_with(&needle, base_dir)?;
+        let file = match aim {
+            None => self.clone(),
+            Some(aim) => {
+                targets.push(Target {
+                    name: aim.name.clone(),
+                    at_mm: aim.tip,
+                });
+                self.boxed(&aim)
+            }
+        };
+        let Moving { deposits, guides, .. } = moving;
         let path = scene
             .needle_path()
             .cloned()
             .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
-        if let Some(at) = deposits.iter().position(|of| !self.during(&timing, of.time_s)) {
-            let key = if self.needle_table()?.deposit_s.is_empty() {
-                "plan.needle"
-            } else {
-                "needle.deposit_s"
-            };
-            let found = format!("a seed at {} s", deposits[at].time_s);
-            return Err(self.wrong_keys(
-                key,
-                found,
-                "times within the run, of which each step leaves one seed at most",
-            ));
-        }
-        if let Some(pair) = deposits
-            .windows(2)
-            .find(|pair| timing.step_at(pair[0].time_s) == timing.step_at(pair[1].time_s))
-        {
-            let found = format!("two seeds in one step, at {} s", pair[1].time_s);
-            return Err(self.wrong_keys("run.dt_ms", found, "shorter steps, or seeds farther apart"));
-        }
-
+        self.check_deposits(&deposits, &timing)?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
-        let tissue = match self.cylinder_of(path.tip())? {
-            Some(parameters) => self.springs_of(&scene, parameters)?,
-            None => self.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
+        clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
+        let tissue = match file.cylinder_of(path.tip())? {
+            Some(parameters) => file.springs_of(&scene, parameters)?,
+            None => file.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
         };
         if stiffening.is_some() {
-            self.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, &tissue.interactions)?;
+            file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, &tissue.interactions)?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
@@ -248,8 +245,33 @@ impl ScenarioFile {
             warnings,
             path,
             scene,
-            file: self.clone(),
+            file,
         })
+    }
+
+    /// Checks that each seed is left within the run, in a step of its own.
+    fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), ScenarioError> {
+        if let Some(at) = deposits.iter().position(|of| !self.during(timing, of.time_s)) {
+            let key = if self.needle_table()?.deposit_s.is_empty() {
+                "plan.needle"
+            } else {
+                "needle.deposit_s"
+            };
+            let found = format!("a seed at {} s", deposits[at].time_s);
+            return Err(self.wrong_keys(
+                key,
+                found,
+                "times within the run, of which each step leaves one seed at most",
+            ));
+        }
+        if let Some(pair) = deposits
+            .windows(2)
+            .find(|pair| timing.step_at(pair[0].time_s) == timing.step_at(pair[1].time_s))
+        {
+            let found = format!("two seeds in one step, at {} s", pair[1].time_s);
+            return Err(self.wrong_keys("run.dt_ms", found, "shorter steps, or seeds farther apart"));
+        }
+        Ok(())
     }
 
     /// Finite elements.
@@ -267,7 +289,7 @@ impl ScenarioFile {
         present.sort_unstable();
         present.dedup();
         let made_of = regions.made_of(&present)?;
-        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, warnings)?;
+        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, notes, warnings)?;
         let of_elements = meshed.mesh.regions().iter();
         Ok(Made {
             cylinder: None,
@@ -285,10 +307,7 @@ impl ScenarioFile {
     fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
-        let mut outside = Vec::new();
-        for (at, name) in self.tissue.outside.iter().enumerate() {
-            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
-        }
+        let outside = self.outside(&regions)?;
         let volume = &scene.anatomy.volume;
         let labels = volume
             .labels()
@@ -328,68 +347,6 @@ impl ScenarioFile {
     pub fn described(&self, base_dir: &Path) -> Result<String, ScenarioError> {
         let (scene, folder, _) = self.scene_file(base_dir)?;
         Ok(format!("{self:?} {scene:?} {folder:?}"))
-    }
-
-    /// The scene's file without needle and deformation, the folder that its paths start at, and whether it stands in this file.
-    fn scene_file(&self, base: &Path) -> Result<(SceneFile, std::path::PathBuf, bool), ScenarioError> {
-        let (file, folder, is_inline) = match &self.scene {
-            None => {
-                return Err(self.wrong_keys(
-                    "scene",
-                    "no `scene`",
-                    "the name of a scene, its path, or a table `[scene]`",
-                ));
-            }
-            Some(SceneSource::Inline(file)) => {
-                let mut file = (**file).clone();
-                file.version = file.version.or(Some(scene::VERSION));
-                (file, base.to_owned(), true)
-            }
-            Some(SceneSource::Named(name)) => {
-                let (file, folder) = self.named_scene(name, base)?;
-                (file, folder, false)
-            }
-        };
-        let own = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
-        if let Some((key, _)) = own.iter().find(|(_, given)| *given) {
-            let at = if is_inline {
-                format!("scene.{key}")
-            } else {
-                "scene".to_owned()
-            };
-            let found = format!("a scene with `{key}` of its own");
-            return Err(self.wrong_keys(
-                at,
-                found,
-                "a scene without: the scenario moves the needle and the tissue",
-            ));
-        }
-        Ok((file, folder, is_inline))
-    }
-
-    fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, std::path::PathBuf), ScenarioError> {
-        if let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| *known == name) {
-            let file = SceneFile::parse(text, name).map_err(|error| self.of_scene(error, false))?;
-            return Ok((file, base.to_owned()));
-        }
-        let path = base.join(name);
-        if !name.contains(['.', '/', '\\']) && !path.exists() {
-            let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
-            let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-            let (found, expected) = (
-                name.to_owned(),
-                format!("one of {}, or the path of a scene file", known.join(", ")),
-            );
-            let wrong = Wrong::Scene(scene::Problem::Name { found, expected });
-            return Err(self.fault("scene", wrong).with_help(help));
-        }
-        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let file = SceneFile::read(&path).map_err(|error| match error.location() {
-            Some(_) => self.of_scene(error, false),
-            // A file that is not there is the fault of this one.
-            None => error.map(Wrong::Scene).at_key("scene", self.source.as_ref()),
-        })?;
-        Ok((file, folder))
     }
 
     fn step_s(&self) -> Result<f64, ScenarioError> {

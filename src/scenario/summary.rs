@@ -70,8 +70,10 @@ pub struct StepMs {
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Happened {
-    /// What.
+    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `out`, `seed`, `not-remeshed`, `not-converged` or `crushed`.
     pub kind: &'static str,
+    /// What, for people.
+    pub text: String,
     /// When, s from the start of the run.
     pub time_s: f64,
     /// Where, mm.
@@ -106,6 +108,27 @@ pub struct Reached {
     pub nearest_tip_mm: f64,
     /// Distance of the nearest seed, mm; none where there are no seeds in tissue.
     pub nearest_seed_mm: Option<f64>,
+}
+
+/// An event for people to read.
+fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
+    let surface = match region {
+        Some(_) if is_skin => "skin".to_owned(),
+        Some(region) => format!("surface of {region}"),
+        None => "surface".to_owned(),
+    };
+    let region = region.unwrap_or("tissue without a name");
+    match kind {
+        EventKind::Skin => format!("{surface} touched"),
+        EventKind::Puncture => format!("{surface} punctured"),
+        EventKind::Region => format!("entering {region}"),
+        EventKind::Bone => format!("bone met: {region}"),
+        EventKind::Out => "needle out of the body".to_owned(),
+        EventKind::Seed => format!("seed left in {region}"),
+        EventKind::NotRemeshed => "the mesh does not follow the tip".to_owned(),
+        EventKind::NotConverged => "step not converged: its forces are approximate".to_owned(),
+        EventKind::Crushed => "elements inverted beside the needle or probe".to_owned(),
+    }
 }
 
 /// The summary of a run while it lasts.
@@ -188,11 +211,15 @@ impl<'a> Tally<'a> {
                 self.unheard += 1;
                 continue;
             }
+            let scenario = self.scenario;
+            let region = event.region.map(|region| scenario.region_name(region).to_owned());
+            let is_skin = event.region.is_some_and(|region| scenario.is_skin(region));
             self.summary.events.push(Happened {
                 kind: event.kind.name(),
+                text: in_words(event.kind, region.as_deref(), is_skin),
                 time_s: event.time_s,
                 at_mm: event.at_mm.into(),
-                region: event.region.map(|region| self.scenario.region_name(region).to_owned()),
+                region,
             });
         }
     }
@@ -271,7 +298,10 @@ impl<'a> Tally<'a> {
                 EventKind::Crushed,
                 "elements beside the contacts were inverted: tissue is crushed there",
             ),
-            (EventKind::NotRemeshed, "the tip could not be made a node of the mesh"),
+            (
+                EventKind::NotRemeshed,
+                "the mesh did not follow the tip, where forces are less exact: a finer mesh helps (`tissue.nodes`, `tissue.box_mm`)",
+            ),
         ] {
             let times = count(kind);
             if times > 0 {

@@ -1,5 +1,6 @@
 //! Scenarios read, resolved and run with a model that only says what it is told.
 
+mod aimed;
 mod parts;
 mod read;
 mod stepped;

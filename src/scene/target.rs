@@ -104,7 +104,7 @@ impl SceneFile {
         };
         let (tissues, name) = (body.tissues, body.name(label));
         let meaning = Meaning {
-            is_body: &|label| !is_outside(tissues, label),
+            is_body: &|label| !body.is_outside(label),
             is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
         };
         match place(body.volume, &[label], &meaning, &options) {
@@ -131,12 +131,12 @@ fn some_of(names: &[String]) -> String {
     }
 }
 
-/// Whether a label is the air around the body.
-fn is_outside(tissues: &TissueTable, label: u8) -> bool {
-    matches!(tissues.of(label).name.as_ref(), "background" | "air")
-}
-
 impl Body<'_> {
+    /// True of the air around the body.
+    pub(crate) fn is_outside(&self, label: u8) -> bool {
+        matches!(self.tissues.of(label).name.as_ref(), "background" | "air")
+    }
+
     fn counts(&self) -> [u64; 256] {
         let mut counts = [0; 256];
         for &label in self.volume.voxels() {
@@ -165,12 +165,12 @@ impl Body<'_> {
     /// The largest soft organ, or else the largest label that the file itself has.
     fn largest_organ(&self) -> Option<u8> {
         self.largest(|label, _| self.tissues.of(label).soft_organ)
-            .or_else(|| self.largest(|label, of| of.voxels > 0 && !is_outside(self.tissues, label)))
-            .or_else(|| self.largest(|label, _| !is_outside(self.tissues, label)))
+            .or_else(|| self.largest(|label, of| of.voxels > 0 && !self.is_outside(label)))
+            .or_else(|| self.largest(|label, _| !self.is_outside(label)))
     }
 
     /// The largest label that a target may mean.
-    fn named(&self, target: &str) -> Option<u8> {
+    pub(crate) fn named(&self, target: &str) -> Option<u8> {
         self.matching(target).first().copied()
     }
 

@@ -1,5 +1,5 @@
-//! Pages that show reports: one file each, without script and without anything from elsewhere; legible on a phone, on paper, and in
-//! light or dark as the reader has it.
+//! Pages that show reports: one file each, whole without script and without anything from elsewhere; legible on a phone, on paper, and
+//! in light or dark as the reader has it.
 
 use std::fmt::{Display, Write};
 
@@ -25,7 +25,7 @@ tr.wrong td{color:var(--bad)}\
 .warning{background:var(--card);border-left:.3rem solid var(--bad);padding:.5rem .8rem;margin:.6rem 0}\
 .figures{display:flex;flex-wrap:wrap;gap:1rem 2rem;margin:.8rem 0}\
 figure{margin:0;flex:1 1 20rem;max-width:30rem;break-inside:avoid}figcaption{font-size:.9rem;color:var(--soft)}\
-svg{display:block;width:100%;height:auto}figure.whole{max-width:none}\
+svg,img{display:block;width:100%;height:auto}.slider figure{max-width:40rem}.slider input{width:100%;max-width:40rem}figure.whole{max-width:none}\
 @media screen{figure.whole svg{width:56rem;max-width:none}}\
 details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
 @media(max-width:40rem){body{padding:.8rem}table{font-size:.85rem}th,td{padding-right:.6rem}\
@@ -34,7 +34,7 @@ figure.whole svg{width:44rem}.stack,.stack tbody{display:block}.stack thead{disp
 .stack td[data-label]:not(:first-child)::before{content:attr(data-label) ': ';color:var(--soft)}\
 .stack td:first-child{font-weight:600}.stack td:first-child small{font-weight:400}}\
 @media print{:root{color-scheme:light;--ink:#000;--soft:#444;--paper:#fff;--card:#f4f4f4;--line:#bbb;--good:#00583e;--bad:#8f3000}\
-figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details{display:none}\
+figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overflow:visible}details,.slider{display:none}\
 h2,h3,h2+p,h3+p,h3+p+p,thead,tbody tr:first-child,figcaption{break-after:avoid}tr,.advice,.warning{break-inside:avoid}\
 p{orphans:3;widows:3}.figures{display:block}.figures figure{display:inline-block;width:48%;vertical-align:top;margin:0 1% .6rem 0}.advice{break-after:avoid}table{font-size:8pt}}";
 
@@ -107,6 +107,31 @@ impl Page {
         let caption = escape(caption);
         self.put(format_args!(
             "<figure class=\"whole\" role=\"img\" aria-label=\"{caption}\"><figcaption>{caption}</figcaption><div class=\"wide\">{svg}</div></figure>"
+        ));
+    }
+
+    /// Adds a picture: an address that holds it (`data:`), and what it shows.
+    pub fn picture(&mut self, address: &str, caption: &str) {
+        let caption = escape(caption);
+        self.put(format_args!(
+            "<figure><img src=\"{}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>",
+            escape(address)
+        ));
+    }
+
+    /// Adds a slider over pictures, each an address that holds it and what it shows; nothing where scripts do not run.
+    pub fn slider(&mut self, pictures: &[(String, String)]) {
+        let Some(last) = pictures.len().checked_sub(1) else {
+            return;
+        };
+        // Nothing in a string may end the script.
+        let pictures = serde_json::json!(pictures).to_string().replace('<', "\\u003c");
+        self.put(format_args!(
+            "<div class=\"slider\" hidden><figure><img alt=\"\"><figcaption></figcaption></figure>\
+             <input type=\"range\" min=\"0\" max=\"{last}\" value=\"0\" aria-label=\"frame\"></div>\n<script>{{\
+             const pictures={pictures},box=document.currentScript.previousElementSibling,bar=box.querySelector('input'),\
+             show=()=>{{const[at,what]=pictures[bar.value],image=box.querySelector('img');image.src=at;image.alt=what;\
+             box.querySelector('figcaption').textContent=what}};bar.oninput=show;show();box.hidden=false}}</script>"
         ));
     }
 

@@ -435,7 +435,7 @@ fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f
 }
 
 /// Points of the target to aim at: the voxel nearest to its middle, then voxels spread through it. `None` without voxels.
-fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
+pub(crate) fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
     let [nx, ny, _] = volume.size();
     let voxels: Vec<usize> = volume
         .voxels()

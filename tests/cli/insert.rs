@@ -70,7 +70,7 @@ fn a_run_leaves_steps_plots_page_and_summary() {
         .iter()
         .map(|event| event["kind"].as_str().expect("a word"))
         .collect();
-    assert_eq!(kinds[0], "skin", "{kinds:?}");
+    assert_eq!(kinds[0], "surface", "{kinds:?}");
     let written = fs::read_to_string(bench.path("out/summary.json")).expect("a file");
     assert_eq!(serde_json::from_str::<Value>(&written).expect("JSON"), summary);
 
@@ -95,9 +95,17 @@ fn a_run_leaves_steps_plots_page_and_summary() {
 
     let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
     assert_eq!(page.matches("<svg").count(), 3);
-    for outside in ["src=", "href=", "@import", "url("] {
+    assert_eq!(page.matches("<script").count(), 0, "without images there is no slider");
+    for outside in ["src=", "href=\"http", "@import", "url("] {
         assert!(!page.contains(outside), "{outside}: the page asks for nothing else");
     }
+    assert!(
+        events[0]["text"]
+            .as_str()
+            .expect("words")
+            .ends_with("phantom_top touched"),
+        "{summary}"
+    );
     assert_eq!(bench.files("out/plots").len(), 6);
 }
 
@@ -116,6 +124,11 @@ fn frames_and_meshes_follow_on_request() {
         .run("insert block.toml -o out --frames --vtu 100 --backend cpu -q")
         .text();
     assert_eq!(bench.files("out/frames").len(), 11);
+    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    // First and deepest, without a script; the others behind the slider.
+    assert_eq!(page.matches("<img src=\"data:image/png").count(), 2);
+    assert_eq!(page.matches("data:image/png").count(), 2 + 11);
+    assert!(!page.contains("src=\"http") && page.contains("type=\"range\""));
     let (size, pixels) = grey(&bench.path("out/frames/frame_0010.png"));
     assert_eq!(size, (24, 16));
     assert!(pixels.iter().any(|grey| *grey > 0));
@@ -153,6 +166,45 @@ fn frames_and_meshes_follow_on_request() {
     assert_eq!(bench.files("out/frames"), ["mine.png"]);
 }
 
+/// Ground truth has the needle as the model bends it and the tissue as it yields.
+#[test]
+fn ground_truth_follows_needle_and_tissue() {
+    let bench = bench();
+    let scan = "[scene.pose]\nposition_mm = [3, 2, -45]\ndirection = [0, 0, 1]\nlateral = [1, 0, 0]\n[scene.probe]";
+    bench.write("block.toml", &BLOCK.replace("[scene.probe]", scan));
+    let arguments = "--layers label-value,displacement,needle --sidecar --overview --backend cpu -q";
+    bench.run(&format!("insert block.toml -o out {arguments}")).text();
+    let names = bench.files("out/frames");
+    assert_eq!(names.len(), 11 * 6 + 1, "{names:?}");
+    let layer = |frame: &str, layer: &str| {
+        let path = bench.path(&format!("out/frames/frame_{frame}_{layer}.png"));
+        image::open(path).expect("a layer").into_luma16().into_raw()
+    };
+    let greatest = |values: Vec<u16>| values.into_iter().max();
+    assert_eq!(
+        greatest(layer("0000", "needle")),
+        Some(0),
+        "the needle is outside at first"
+    );
+    assert!(greatest(layer("0010", "needle")) > Some(100));
+    assert!(greatest(layer("0010", "displacement")) > greatest(layer("0000", "displacement")));
+    assert!(layer("0010", "label-value").contains(&1));
+    let text = fs::read_to_string(bench.path("out/frames/frame_0010.json")).expect("a sidecar");
+    let sidecar: Value = serde_json::from_str(&text).expect("JSON");
+    let tip = sidecar["needle"]["tip_mm"][2].as_f64().expect("a tip");
+    assert!((tip + 20.0).abs() < 0.5, "{tip}");
+    assert!((sidecar["time_s"].as_f64().expect("a time") - 0.5).abs() < 0.01);
+
+    bench
+        .run(&format!("insert block.toml -o out --images=mha {arguments}"))
+        .text();
+    assert!(
+        bench.files("out").contains(&"frames_needle.mha".to_owned()),
+        "{:?}",
+        bench.files("out")
+    );
+}
+
 #[test]
 fn bad_scenarios_end_with_their_line_and_leave_nothing() {
     let bench = bench();
@@ -187,6 +239,12 @@ fn bad_scenarios_end_with_their_line_and_leave_nothing() {
     bench.run("insert nowhere.toml -o out").fails(2, &["nowhere.toml"]);
     bench.run("insert scene.toml").fails(2, &["--output"]);
     bench
+        .run("insert --labels nowhere.nii.gz -o out")
+        .fails(2, &["--target"]);
+    bench
+        .run("insert --labels nowhere.nii.gz --target liver -o out")
+        .fails(2, &["nowhere.nii.gz", "cannot be read"]);
+    bench
         .run("insert block.toml -o scene.toml")
         .fails(2, &["must be a folder"]);
     bench
@@ -200,6 +258,9 @@ fn scenarios_that_come_with_the_program_are_printed_and_described() {
     for (name, text) in insonify::scenario::EXAMPLES {
         assert_eq!(bench.run(&format!("insert --example {name}")).text(), *text);
     }
+    assert_eq!(bench.run("insert --reference").text(), insonify::scenario::REFERENCE);
+    let example = bench.run("insert segmentation-biopsy -o out");
+    example.fails(2, &["your-labels.nii.gz", "[scene.volume]", "put the path of your own"]);
     let schema = bench.run("schema insert").json();
     for key in ["version", "scene", "run", "tissue", "needle", "contact_probe", "plan"] {
         assert!(schema["properties"][key]["description"].is_string(), "{key}");
@@ -216,7 +277,7 @@ fn bone_at_the_surface_stops_a_needle() {
     let summary = bench.run("insert bone.toml -o out --json -q").json();
     let events = summary["events"].as_array().expect("a list");
     let kinds: Vec<_> = events.iter().map(|event| &event["kind"]).collect();
-    assert_eq!(kinds, ["skin", "bone"], "{summary}");
+    assert_eq!(kinds, ["surface", "bone"], "{summary}");
     // From the surface, which is flat there, to where the hand ends.
     let surface = events[1]["at_mm"][2].as_f64().expect("a depth");
     let pushed = 40.0 * (-20.0 - surface);
@@ -248,5 +309,5 @@ fn the_first_step_is_travelled() {
     }
     assert!(first["remeshes"].as_u64().expect("a count") > 3, "{first}");
     let kind = |summary: &Value| summary["events"][0]["kind"].clone();
-    assert_eq!([kind(&first), kind(&second)], ["skin", "skin"]);
+    assert_eq!([kind(&first), kind(&second)], ["surface", "surface"]);
 }

@@ -47,7 +47,7 @@ fn number(of: &Value) -> f64 {
 fn a_needle_goes_into_the_liver_and_out_again() {
     let summary = summary("liver-biopsy", &ready("liver-biopsy"));
     let kinds = kinds(&summary);
-    assert!(kinds.contains(&"skin") && kinds.contains(&"out"), "{kinds:?}");
+    assert!(kinds.contains(&"surface") && kinds.contains(&"out"), "{kinds:?}");
     // 138 mm of the path lie in the body; the needle drags tissue along, by less than a tenth of that.
     assert!(
         (124.0..138.5).contains(&number(&summary["max_inserted_mm"])),
@@ -81,7 +81,7 @@ fn seeds_are_left_in_the_prostate_while_the_probe_presses() {
 #[test]
 fn bone_stops_a_needle_at_the_spine() {
     let summary = summary("spine-injection", &ready("spine-injection"));
-    assert!(kinds(&summary).contains(&"skin"), "{summary}");
+    assert!(kinds(&summary).contains(&"surface"), "{summary}");
     assert!(number(&summary["max_inserted_mm"]) > 30.0);
 }
 
@@ -97,7 +97,7 @@ fn a_needle_punctures_the_liver_and_its_vein() {
     bench.write("ready.toml", &text);
     let summary = bench.run("insert ready.toml -o out --json -q").json();
     let found = kinds(&summary);
-    assert_eq!(found, ["skin", "puncture", "puncture", "region"], "{summary}");
+    assert_eq!(found, ["surface", "puncture", "puncture", "region"], "{summary}");
     assert!((0.6..0.9).contains(&number(&summary["max_base_force_n"])), "{summary}");
     let bent = text.replace("diameter_mm = 1.0", "diameter_mm = 1.0\nmodel = \"beam\"");
     bench.write("bent.toml", &bent);
@@ -115,13 +115,10 @@ fn a_segmentation_of_a_patient_takes_a_needle() {
         bench.write("ready.toml", &text);
         bench
             .run("insert ready.toml -o out")
-            .fails(2, &["tsd_s0328_labels.nii.gz", "ready.toml"]);
+            .fails(2, &["your-labels.nii.gz", "ready.toml"]);
         return;
     }
-    let summary = summary(
-        "segmentation-biopsy",
-        &text.replace("tsd_s0328_labels.nii.gz", SEGMENTATION),
-    );
+    let summary = summary("segmentation-biopsy", &text.replace("your-labels.nii.gz", SEGMENTATION));
     let events = summary["events"].as_array().expect("a list");
     assert!(
         events.iter().any(|event| event["region"] == "liver"),

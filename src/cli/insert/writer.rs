@@ -16,6 +16,7 @@ use insonify::scenario::{Scenario, Summary};
 use insonify::study::plot::SIZE;
 use serde::Serialize;
 
+use super::Images;
 use crate::cli::backend::Chosen;
 use crate::cli::failure::Failure;
 use crate::cli::output::text;
@@ -31,7 +32,9 @@ pub const FILES: &[&str] = &[
     "summary.json",
     "preview.gif",
     "frames.mha",
+    "frames_",
     "frames/frame_",
+    "frames/parameters.json",
     "mesh/mesh_",
     "mesh/mesh.pvd",
 ];
@@ -71,21 +74,29 @@ impl<'a> Writer<'a> {
             record,
             bar: terminal::share(quiet),
             frames: None,
-            mesh_count: asked.mesh_s.map_or(0, |every_s| moments(scenario, every_s)),
+            mesh_count: asked
+                .mesh_s
+                .map_or(0, |every_s| scenario.timing.moments(every_s) as usize),
             meshes: Vec::new(),
         })
     }
 
-    /// Renders frames from now on: as pictures, as a sequence (`Some(true)`), or for the preview alone.
-    pub fn render(&mut self, chosen: Chosen, as_sequence: Option<bool>, preview: bool) -> Result<(), Failure> {
-        let size = self.scenario.scene.settings.image;
-        let target = as_sequence.map(|as_sequence| match as_sequence {
-            true => Target::Sequence(self.folder.join("frames.mha"), self.folder.join("frames")),
-            false => Target::Folder(self.folder.join("frames")),
-        });
+    /// Renders frames from now on, to files of a kind with what goes beside them, or for the preview alone.
+    pub fn render(
+        &mut self,
+        chosen: Chosen,
+        images: Option<Images>,
+        extras: &Extras,
+        preview: bool,
+    ) -> Result<(), Failure> {
         let scenario = self.scenario;
-        let count = moments(scenario, scenario.timing.frame_s);
-        let output = target.map(|target| Output::open(target, &Extras::default(), &scenario.scene, count));
+        let size = scenario.scene.settings.image;
+        let target = images.map(|images| match images {
+            Images::Mha => Target::Sequence(self.folder.join("frames.mha"), self.folder.join("frames")),
+            Images::Png => Target::Folder(self.folder.join("frames")),
+        });
+        let count = scenario.timing.moments(scenario.timing.frame_s) as usize;
+        let output = target.map(|target| Output::open(target, extras, &scenario.scene, count));
         let path = self.folder.join("preview.gif");
         let preview = preview.then(|| Preview::create(&path, size.width, size.height, self.scenario.timing.frame_s));
         self.frames = Some(Rendering {
@@ -122,7 +133,18 @@ impl<'a> Writer<'a> {
             let [width, height] = SIZE.map(|side| side as usize);
             png::write_rgb(&plots.join(format!("{name}.png")), width, height, &plot.rgb()?)?;
         }
-        text(&self.folder.join("index.html"), &self.record.page(title, summary)?)?;
+        let others = [
+            "frames.mha",
+            "preview.gif",
+            "mesh/mesh.pvd",
+            "steps.csv",
+            "summary.json",
+        ];
+        let others = others
+            .into_iter()
+            .filter(|name| *name == "summary.json" || self.folder.join(name).is_file());
+        let page = self.record.page(title, summary, &others.collect::<Vec<_>>())?;
+        text(&self.folder.join("index.html"), &page)?;
         let json = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
         text(&self.folder.join("summary.json"), &format!("{json}\n"))
     }
@@ -165,7 +187,8 @@ impl Observer for Writer<'_> {
         let Some(frames) = &mut self.frames else {
             return Ok(());
         };
-        frames.chosen.synth.render(moment.state)?;
+        let frame = frames.chosen.synth.render(moment.state)?;
+        self.record.frame(moment, frame);
         if let Some(output) = &mut frames.output {
             let shot = Shot {
                 number: moment.number as usize,
@@ -184,12 +207,6 @@ impl Observer for Writer<'_> {
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
         self.write_mesh(deformed)
     }
-}
-
-/// The most moments at equal distances that a run has.
-fn moments(scenario: &Scenario, every_s: f64) -> usize {
-    let timing = &scenario.timing;
-    (timing.steps as f64 * timing.dt_s / every_s) as usize + 1
 }
 
 /// Makes a folder, if it is not there.

@@ -92,7 +92,7 @@ pub struct Event {
 /// What can happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EventKind {
-    /// The tip touches the skin.
+    /// The tip touches the surface of the body.
     Skin,
     /// The tip breaks through a surface: the skin, a capsule, a vessel wall.
     Puncture,
@@ -116,7 +116,7 @@ impl EventKind {
     /// As reports write it.
     pub fn name(self) -> &'static str {
         match self {
-            EventKind::Skin => "skin",
+            EventKind::Skin => "surface",
             EventKind::Puncture => "puncture",
             EventKind::Region => "region",
             EventKind::Bone => "bone",

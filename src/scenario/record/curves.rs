@@ -1,5 +1,6 @@
 //! Curves over the steps of a run, thinned so that a plot shows every peak and no more points than it has room for.
 
+use crate::scenario::Scenario;
 use crate::scenario::run::Step;
 use crate::study::plot::{Axis, Marker, Plot, Series};
 
@@ -61,27 +62,30 @@ pub(super) struct Curves {
     probe: Option<Curve>,
     inserted: Curve,
     deflection: Curve,
+    target: Option<Curve>,
     ms: Curve,
     remeshed: Vec<[f64; 2]>,
     end_s: f64,
 }
 
 impl Curves {
-    pub fn new(steps: u64, has_probe: bool) -> Self {
+    pub fn new(scenario: &Scenario) -> Self {
+        let has_probe = scenario.contact.is_some();
         Self {
-            steps_a_stretch: steps.div_ceil(STRETCHES).max(1),
+            steps_a_stretch: scenario.timing.steps.div_ceil(STRETCHES).max(1),
             axial: Curve::default(),
             lateral: Curve::default(),
             probe: has_probe.then(Curve::default),
             inserted: Curve::default(),
             deflection: Curve::default(),
+            target: (!scenario.targets.is_empty()).then(Curve::default),
             ms: Curve::default(),
             remeshed: Vec::new(),
             end_s: 0.0,
         }
     }
 
-    pub fn add(&mut self, step: &Step<'_>) {
+    pub fn add(&mut self, step: &Step<'_>, target_mm: Option<f64>) {
         let starts = (step.number - 1).is_multiple_of(self.steps_a_stretch);
         let (time_s, outcome) = (step.time_s, step.outcome);
         let force = outcome.on_hand.in_frame(&step.base).force_n;
@@ -92,6 +96,9 @@ impl Curves {
         }
         self.inserted.add(time_s, outcome.inserted_mm, starts);
         self.deflection.add(time_s, outcome.tip_deflection_mm, starts);
+        if let (Some(curve), Some(distance)) = (&mut self.target, target_mm) {
+            curve.add(time_s, distance, starts);
+        }
         self.ms.add(time_s, step.ms, starts);
         if outcome.remeshes > 0 && self.remeshed.len() < MARKED {
             self.remeshed.push([time_s, step.ms]);
@@ -105,10 +112,15 @@ impl Curves {
             self.lateral.series("across the needle", 1),
         ];
         forces.extend(self.probe.iter().map(|curve| curve.series("on the probe", 2)));
-        let tip = vec![
+        let mut tip = vec![
             self.inserted.series("inserted", 0),
             self.deflection.series("tip deflection", 1),
         ];
+        tip.extend(
+            self.target
+                .iter()
+                .map(|curve| curve.series("distance to the target", 2)),
+        );
         let remeshed = Series {
             name: "steps that remesh".to_owned(),
             points: self.remeshed.clone(),

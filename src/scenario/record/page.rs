@@ -1,101 +1,109 @@
 //! A page that shows a run: one file, without anything from elsewhere.
 
-use std::fmt::Write;
-
+use super::film::Film;
 use crate::scenario::summary::Summary;
+use crate::study::page::{Cell, Page, escape};
 use crate::study::plot::{Plot, PlotError};
 
 /// Most rows of a table.
 const ROWS: usize = 200;
 
-/// Plots keep their lettering readable on a narrow screen: they scroll there rather than shrink.
-const STYLE: &str = "\
-:root{color-scheme:light dark}\
-body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;padding:1rem;max-width:66rem}\
-h1{font-size:1.4rem}h2{font-size:1.1rem;margin-top:2rem}\
-.wide{overflow-x:auto}\
-svg{display:block;width:100%;min-width:44rem;height:auto;background:#fff}\
-table{border-collapse:collapse}th,td{padding:.2rem .8rem .2rem 0;text-align:left;vertical-align:top}\
-td{font-variant-numeric:tabular-nums}\
-.warning{border-left:.3rem solid #d55e00;padding-left:.6rem}";
-
-pub(super) fn page(title: &str, summary: &Summary, plots: &[Plot]) -> Result<String, PlotError> {
-    let title = escape(title);
-    let mut text = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>{title}</title><style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n"
-    );
+pub(super) fn page(
+    title: &str,
+    summary: &Summary,
+    film: &Film,
+    plots: &[Plot],
+    others: &[&str],
+) -> Result<String, PlotError> {
+    let mut page = Page::new(title);
     for warning in &summary.warnings {
-        put(
-            &mut text,
-            format_args!("<p class=\"warning\">{}</p>\n", escape(warning)),
-        );
+        page.paragraph("warning", warning);
     }
-    figures(&mut text, summary);
+    table(&mut page, "", &["", ""], figures(summary));
+    frames(&mut page, film);
     for plot in plots {
-        let heading = escape(&plot.title);
-        put(
-            &mut text,
-            format_args!("<h2>{heading}</h2>\n<div class=\"wide\">{}</div>\n", plot.svg()?),
-        );
+        let untitled = Plot {
+            title: String::new(),
+            ..plot.clone()
+        };
+        page.wide_figure(&untitled.svg()?, &plot.title);
     }
-    targets(&mut text, summary);
-    seeds(&mut text, summary);
-    events(&mut text, summary);
-    text.push_str("</body></html>\n");
-    Ok(text)
+    targets(&mut page, summary);
+    seeds(&mut page, summary);
+    events(&mut page, summary);
+    let links = others
+        .iter()
+        .map(|name| format!("<a href=\"{0}\">{0}</a>", escape(name)));
+    let links = links.collect::<Vec<_>>().join(", ");
+    page.put(format_args!("<h2>Files</h2><p>{links}</p>"));
+    Ok(page.finish())
 }
 
-/// Writing to a string does not fail.
-fn put(text: &mut String, what: std::fmt::Arguments<'_>) {
-    let _ = text.write_fmt(what);
+/// Frames that show most, and the others behind a slider.
+fn frames(page: &mut Page, film: &Film) {
+    let chosen = film.chosen();
+    if chosen.is_empty() {
+        return;
+    }
+    page.put("<h2>Frames</h2><div class=\"figures\">");
+    for (what, shot) in chosen {
+        if let Ok(address) = shot.address() {
+            page.picture(&address, &format!("{what}: {}", shot.caption()));
+        }
+    }
+    page.put("</div>");
+    let shots = film.shots().iter();
+    let shots: Vec<_> = shots
+        .filter_map(|shot| Some((shot.address().ok()?, shot.caption())))
+        .collect();
+    page.slider(&shots);
 }
 
-fn figures(text: &mut String, summary: &Summary) {
+fn figures(summary: &Summary) -> Vec<Vec<String>> {
     let ms = &summary.step_ms;
     let remesh = ms
         .remesh_max
         .map_or("no step remeshed".to_owned(), |most| format!("{most:.3} ms"));
     let mut rows = vec![
         (
-            "Simulated",
+            "Simulated".to_owned(),
             format!("{:.3} s in {} steps", summary.simulated_s, summary.steps),
         ),
         (
-            "Mesh",
+            "Mesh".to_owned(),
             format!("{} nodes, {} tetrahedra", summary.nodes, summary.elements),
         ),
         (
-            "Largest force on the hand",
+            "Largest force on the hand".to_owned(),
             format!("{:.3} N", summary.max_base_force_n),
         ),
-        ("Largest tip deflection", format!("{:.3} mm", summary.tip_deflection_mm)),
-        ("Largest depth", format!("{:.2} mm", summary.max_inserted_mm)),
-        ("Remeshes", summary.remeshes.to_string()),
         (
-            "Time of a step",
+            "Largest tip deflection".to_owned(),
+            format!("{:.3} mm", summary.tip_deflection_mm),
+        ),
+        ("Largest depth".to_owned(), format!("{:.2} mm", summary.max_inserted_mm)),
+        ("Remeshes".to_owned(), summary.remeshes.to_string()),
+        (
+            "Time of a step".to_owned(),
             format!(
                 "median {:.3} ms, 95 % {:.3}, 99 % {:.3}, longest {:.3}",
                 ms.median, ms.p95, ms.p99, ms.max
             ),
         ),
-        ("Longest step that remeshes", remesh),
+        ("Longest step that remeshes".to_owned(), remesh),
     ];
     if let Some(force) = summary.max_probe_force_n {
-        rows.push(("Largest force on the probe", format!("{force:.3} N")));
+        rows.push(("Largest force on the probe".to_owned(), format!("{force:.3} N")));
     }
-    text.push_str("<table>\n");
-    for (what, figure) in rows {
-        put(
-            text,
-            format_args!("<tr><th>{what}</th><td>{}</td></tr>\n", escape(&figure)),
-        );
-    }
-    text.push_str("</table>\n");
+    let nearest = summary.targets.iter().map(|target| {
+        let what = format!("Least distance of the tip from {}", target.name);
+        (what, format!("{:.2} mm", target.nearest_tip_mm))
+    });
+    rows.extend(nearest);
+    rows.into_iter().map(|(what, figure)| vec![what, figure]).collect()
 }
 
-fn targets(text: &mut String, summary: &Summary) {
+fn targets(page: &mut Page, summary: &Summary) {
     let rows = summary.targets.iter().map(|target| {
         let seed = target
             .nearest_seed_mm
@@ -107,15 +115,11 @@ fn targets(text: &mut String, summary: &Summary) {
             seed,
         ]
     });
-    table(
-        text,
-        "Targets",
-        &["target", "at, mm", "tip came within, mm", "nearest seed, mm"],
-        rows.collect(),
-    );
+    let heads = ["target", "at, mm", "least distance of the tip, mm", "nearest seed, mm"];
+    table(page, "Targets", &heads, rows.collect());
 }
 
-fn seeds(text: &mut String, summary: &Summary) {
+fn seeds(page: &mut Page, summary: &Summary) {
     let rows = summary.seeds.iter().map(|seed| {
         vec![
             format!("{:.2}", seed.time_s),
@@ -126,58 +130,36 @@ fn seeds(text: &mut String, summary: &Summary) {
         ]
     });
     let heads = ["left at, s", "planned, mm", "deposited, mm", "distance, mm"];
-    table(text, "Seeds", &heads, rows.collect());
+    table(page, "Seeds", &heads, rows.collect());
 }
 
-fn events(text: &mut String, summary: &Summary) {
-    let rows = summary.events.iter().map(|event| {
-        vec![
-            format!("{:.3}", event.time_s),
-            event.kind.to_owned(),
-            event.region.clone().unwrap_or_default(),
-            place(event.at_mm),
-        ]
-    });
-    table(
-        text,
-        "Events",
-        &["at, s", "what", "region", "where, mm"],
-        rows.collect(),
-    );
+fn events(page: &mut Page, summary: &Summary) {
+    let rows = summary
+        .events
+        .iter()
+        .map(|event| vec![format!("{:.3}", event.time_s), event.text.clone(), place(event.at_mm)]);
+    table(page, "Events", &["at, s", "what", "where, mm"], rows.collect());
 }
 
-fn table(text: &mut String, title: &str, heads: &[&str], rows: Vec<Vec<String>>) {
+fn table(page: &mut Page, title: &str, heads: &[&str], rows: Vec<Vec<String>>) {
     if rows.is_empty() {
         return;
     }
-    put(
-        text,
-        format_args!("<h2>{title}</h2>\n<div class=\"wide\"><table>\n<tr>"),
-    );
-    heads.iter().for_each(|head| put(text, format_args!("<th>{head}</th>")));
-    text.push_str("</tr>\n");
-    for row in rows.iter().take(ROWS) {
-        text.push_str("<tr>");
-        row.iter()
-            .for_each(|cell| put(text, format_args!("<td>{}</td>", escape(cell))));
-        text.push_str("</tr>\n");
+    if !title.is_empty() {
+        page.put(format_args!("<h2>{title}</h2>"));
     }
-    text.push_str("</table></div>\n");
-    if rows.len() > ROWS {
-        put(
-            text,
-            format_args!("<p>{} more are in summary.json.</p>\n", rows.len() - ROWS),
-        );
+    let more = rows.len().saturating_sub(ROWS);
+    let heads: Vec<_> = heads.iter().map(|head| Cell::Text((*head).to_owned())).collect();
+    let rows = rows.into_iter().take(ROWS);
+    let rows: Vec<_> = rows
+        .map(|row| ("", row.into_iter().map(Cell::Text).collect()))
+        .collect();
+    page.table(&heads, &rows);
+    if more > 0 {
+        page.paragraph("soft", &format!("{more} more are in summary.json."));
     }
 }
 
 fn place(at_mm: [f64; 3]) -> String {
     at_mm.map(|x| format!("{x:.1}")).join(", ")
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use crate::scenario::run::Step;
 
-/// Columns in front of the counts.
+/// Columns in front of the counts. What each holds stands in docs/insertion.md.
 const NUMBERS: [&str; 27] = [
     "time_s",
     "base_x_mm",
@@ -37,7 +37,7 @@ const NUMBERS: [&str; 27] = [
     "probe_torque_z_nmm",
 ];
 /// Columns of counts, and the time that the step took.
-const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,ms";
+const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
 /// Columns behind those, where the probe is driven at two points: what the tissue does to each.
 const DRIVEN: [&str; 6] = [

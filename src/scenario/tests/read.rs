@@ -1,7 +1,11 @@
 //! Files as they are written: what is wrong in them, what comes with the crate, what their schema says.
 
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
 use super::{BLOCK, resolved};
-use crate::scenario::{EXAMPLES, ScenarioFile, schema};
+use crate::scenario::{EXAMPLES, REFERENCE, ScenarioFile, schema};
 
 #[test]
 fn faults_point_at_their_line_and_say_what_is_expected() {
@@ -101,4 +105,74 @@ fn every_key_is_explained_by_the_schema() {
         undocumented(of, name, &mut found);
     }
     assert!(found.is_empty(), "{found:?}");
+}
+
+/// Paths of all keys that a schema knows, lists of tables as their tables; a scene's own are left to the scene.
+fn known(schema: &Value, root: &Value, path: &str, found: &mut BTreeSet<String>) {
+    if let Some(reference) = schema["$ref"].as_str() {
+        return known(
+            &root[reference.rsplit_once("$defs/").map_or("", |(_, name)| name)],
+            root,
+            path,
+            found,
+        );
+    }
+    for many in ["anyOf", "oneOf"] {
+        for option in schema[many].as_array().into_iter().flatten() {
+            known(option, root, path, found);
+        }
+    }
+    if schema["items"].is_object() {
+        known(&schema["items"], root, path, found);
+    }
+    for (key, of) in schema["properties"].as_object().into_iter().flatten() {
+        let path = format!("{path}.{key}");
+        if path != ".scene" {
+            known(of, root, &path, found);
+        }
+        found.insert(path);
+    }
+}
+
+/// Paths of all keys that a document has.
+fn written(value: &toml::Value, path: &str, found: &mut BTreeSet<String>) {
+    match value {
+        toml::Value::Table(table) => {
+            for (key, of) in table {
+                let path = format!("{path}.{key}");
+                written(of, &path, found);
+                found.insert(path);
+            }
+        }
+        toml::Value::Array(list) => list.iter().for_each(|of| written(of, path, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_reference_has_every_key_of_the_schema_and_runs() {
+    let reveal = |line: &str| match line.strip_prefix('#') {
+        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
+        _ => line.to_owned(),
+    };
+    let shown = REFERENCE.lines().map(reveal).collect::<Vec<_>>().join("\n");
+    if let Err(error) = ScenarioFile::parse(&shown, "reference.toml") {
+        panic!("{error}");
+    }
+    let (mut has, mut wanted) = (BTreeSet::new(), BTreeSet::new());
+    written(&toml::Value::Table(shown.parse().expect("TOML")), "", &mut has);
+    let schema = schema();
+    known(&schema, &schema["$defs"], "", &mut wanted);
+    let missing: Vec<_> = wanted.difference(&has).collect();
+    let unknown: Vec<_> = has.difference(&wanted).collect();
+    assert!(
+        missing.is_empty() && unknown.is_empty(),
+        "missing {missing:?}, unknown {unknown:?}"
+    );
+    assert!(wanted.len() > 90, "{}", wanted.len());
+
+    let coarse = REFERENCE.replace("nodes = 3300 ", "nodes = 400 ");
+    assert_ne!(coarse, REFERENCE);
+    let scenario = resolved(&coarse).unwrap_or_else(|error| panic!("{error}"));
+    assert!(scenario.timing.steps > 1000);
 }

@@ -163,7 +163,7 @@ fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
         let text = String::from_utf8(written.csv).expect("text");
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(lines.iter().all(|line| line.len() == columns), "{:?}", lines[0]);
-        assert_eq!(lines[0].last(), Some(&"ms"));
+        assert_eq!(lines[0].last(), Some(&"step_ms"));
         let of = |name: &str| lines[0].iter().position(|column| *column == name);
         let force = |name: &str| of(name).map(|at| lines[1][at].parse::<f64>().expect("a number"));
         assert_eq!(force("driven_1_force_y_n").is_some(), columns == 42);

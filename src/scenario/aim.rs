@@ -1,0 +1,294 @@
+//! A needle aimed by names: a target, an entry, and the straight path between them.
+
+mod place;
+
+use nalgebra::{Point3, Vector3};
+
+use super::clearance::{Bones, Course};
+use super::error::ScenarioError;
+use super::file::{ScenarioFile, SceneSource};
+use super::instruments::{BESIDE, EntrySpec};
+use super::needle::NeedleSettings;
+use super::tissue::TissueModel;
+use crate::document::{Names, NoRegion, RegionName};
+use crate::scene::{Body, NeedleKeyframe, Scene};
+use crate::tracking::placement::aims;
+use crate::tracking::pose::Pose;
+use crate::tracking::probe::ProbeKind;
+use place::{array_end_mm, innermost, skin};
+
+/// Distances of entries from the end of the array that are tried, mm.
+const OFFSETS_MM: [f64; 2] = [10.0, 60.0];
+const OFFSET_STEP_MM: f64 = 5.0;
+/// Least distance from bone of a path that is chosen, mm.
+const CLEAR_MM: f64 = 3.0;
+/// Distance of the tip from the entry at the start, mm.
+const APPROACH_MM: f64 = 10.0;
+/// Distance of the mesh's box from the path, mm.
+const AROUND_MM: f64 = 30.0;
+
+/// A straight path from an entry to a target.
+pub(super) struct Aim {
+    /// Name of the target.
+    pub name: String,
+    /// Goal of the tip, mm.
+    pub tip: Point3<f64>,
+    /// Start of the tip, mm.
+    start: Point3<f64>,
+    direction: Vector3<f64>,
+    /// The choice, for people to read.
+    note: String,
+    /// Oddities, for people to heed.
+    pub warnings: Vec<String>,
+}
+
+/// An entry with its path to the target.
+#[derive(Clone)]
+struct Candidate {
+    entry: Point3<f64>,
+    /// Distance from the end of the array, mm, and which; none of an entry that is stated.
+    beside: Option<(f64, &'static str)>,
+    depth_mm: f64,
+    course: Course,
+}
+
+/// The target: the name of its label, a point in it, and whether that is in view.
+struct Goal {
+    name: String,
+    tip: Point3<f64>,
+    in_view: bool,
+}
+
+impl ScenarioFile {
+    /// The path of a needle that is aimed by names.
+    pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, ScenarioError> {
+        let body = scene.body();
+        let pose = scene.probe_path().at(scene.probe_path().start_s());
+        let goal = self.goal(scene, &pose)?;
+        let mut warnings = Vec::new();
+        if !goal.in_view {
+            warnings.push(format!(
+                "needle.target: {} is not in view, and the needle leaves the image plane (`scene.pose.target` places the probe over it)",
+                goal.name
+            ));
+        }
+        let chosen = match &self.needle_table()?.entry {
+            Some(EntrySpec::At(entry)) => self.stated(&body, &goal, *entry, needle)?,
+            Some(EntrySpec::Named(other)) if other != BESIDE => {
+                let expected = format!("\"{BESIDE}\" or a point [x, y, z] on the skin, mm");
+                return Err(self.wrong_keys("needle.entry", format!("\"{other}\""), expected));
+            }
+            _ => self.beside(scene, &pose, &goal, needle)?,
+        };
+        let Goal { name, tip, in_view } = goal;
+        let direction = ((tip - chosen.entry) / chosen.depth_mm * 1e5).map(f64::round) / 1e5;
+        let start = hundredths(&(tip - direction * (chosen.depth_mm + APPROACH_MM)));
+        let place = chosen.beside.map_or(String::new(), |(offset, side)| {
+            format!(", {offset:.0} mm from the {side} end of the array,")
+        });
+        let point = |at: &Point3<f64>| format!("({:.1}, {:.1}, {:.1}) mm", at.x, at.y, at.z);
+        let note = format!(
+            "needle: from the skin at {}{place} {:.0} mm deep to {} in {name}, {}, at {:.0} degrees to the beam; on the way {}",
+            point(&chosen.entry),
+            chosen.depth_mm,
+            point(&tip),
+            if in_view {
+                "its innermost point in view"
+            } else {
+                "its middle"
+            },
+            direction.angle(&pose.axial()).to_degrees(),
+            chosen.course.layers_in_words(&body)
+        );
+        Ok(Aim {
+            name,
+            tip,
+            start,
+            direction,
+            note,
+            warnings,
+        })
+    }
+
+    /// The choice in words, and the lines of a scenario that state the same.
+    pub(super) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
+        let file = self.boxed(aim);
+        let mut lines = String::new();
+        // A scenario without a text of its own was made from a label file.
+        if let (None, Some(SceneSource::Inline(scene))) = (&self.source, &self.scene)
+            && let Some(path) = scene.volume.as_ref().and_then(|volume| volume.file.as_ref())
+        {
+            let path = toml::Value::String(path.display().to_string());
+            lines += &format!(
+                "version = 1\n[scene.volume]\nfile = {path}\n[scene.pose]\ntarget = \"{}\"\n",
+                aim.name
+            );
+        }
+        if let Some(corners) = file.tissue.box_mm {
+            lines += &format!("[tissue]\nbox_mm = {corners:?}\n");
+        }
+        lines += "[needle.motion]\nkeyframes = [\n";
+        for key in aim.keyframes(pace) {
+            let (time_s, tip, direction) = (key.time_s, key.tip_mm, key.direction);
+            lines += &format!("  {{ time_s = {time_s:?}, tip_mm = {tip:?}, direction = {direction:?} }},\n");
+        }
+        let lines = format!("as lines of a scenario:\n{lines}]");
+        [aim.note.clone(), lines]
+    }
+
+    /// The scenario with its mesh around the path of a needle, where it states no other.
+    pub(super) fn boxed(&self, aim: &Aim) -> Self {
+        let mut file = self.clone();
+        if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
+            file.tissue.box_mm.get_or_insert(aim.box_mm());
+        }
+        file
+    }
+
+    /// The label that the target names, and a point in it.
+    fn goal(&self, scene: &Scene, pose: &Pose) -> Result<Goal, ScenarioError> {
+        let (body, target) = (scene.body(), self.needle_table()?.target.clone().unwrap_or_default());
+        let label = body.named(&target).ok_or_else(|| {
+            let known = Names::new(body.entries()).known();
+            let found = RegionName::Name(target.clone());
+            let error = NoRegion::Unknown { found, known };
+            let help = error.help();
+            self.fault("needle.target", error).with_help(help)
+        })?;
+        let in_view = innermost(scene, pose, label);
+        let middle = || aims(body.volume, &[label]).and_then(|aims| aims.first().copied());
+        let tip = in_view.or_else(middle).ok_or_else(|| {
+            let found = format!("{target}, of which the volume has no voxel");
+            self.wrong_keys("needle.target", found, "a label that is in the volume")
+        })?;
+        Ok(Goal {
+            name: body.name(label),
+            tip: hundredths(&tip),
+            in_view: in_view.is_some(),
+        })
+    }
+
+    fn stated(
+        &self,
+        body: &Body<'_>,
+        goal: &Goal,
+        entry: [f64; 3],
+        needle: &NeedleSettings,
+    ) -> Result<Candidate, ScenarioError> {
+        let entry = self.place("needle.entry", entry)?;
+        let depth_mm = (goal.tip - entry).norm();
+        let reach = needle.length_mm - APPROACH_MM;
+        if !(1.0..=reach).contains(&depth_mm) {
+            let found = format!("an entry {depth_mm:.0} mm from {}", goal.name);
+            let expected = format!(
+                "1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)",
+                needle.length_mm
+            );
+            return Err(self.wrong_keys("needle.entry", found, expected));
+        }
+        Ok(Candidate {
+            course: Bones::around(body, &[entry, goal.tip]).course(&[entry, goal.tip]),
+            beside: None,
+            entry,
+            depth_mm,
+        })
+    }
+
+    /// An entry in the image plane beside the array: the nearest to it from which a straight path to the target keeps [`CLEAR_MM`]
+    /// from bone and meets no gas or lung, and of two as near the one with the shorter path. Where all meet gas or lung, they may.
+    fn beside(
+        &self,
+        scene: &Scene,
+        pose: &Pose,
+        goal: &Goal,
+        needle: &NeedleSettings,
+    ) -> Result<Candidate, ScenarioError> {
+        let (body, probe) = (scene.body(), &scene.settings.probe);
+        if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = probe.shape.kind() {
+            let found = format!("\"{BESIDE}\" of a probe that lies inside the body");
+            return Err(self.wrong_keys("needle.entry", found, "a point [x, y, z] on the skin, mm"));
+        }
+        let end = array_end_mm(scene);
+        let offsets = (0..).map(|at| OFFSETS_MM[0] + OFFSET_STEP_MM * f64::from(at));
+        let sides = [(1.0, "marked"), (-1.0, "unmarked")];
+        let places = offsets
+            .take_while(|offset| *offset <= OFFSETS_MM[1])
+            .flat_map(|offset| sides.map(|(sign, side)| (sign * (end + offset), (offset, side))));
+        let entries: Vec<_> = places
+            .filter_map(|(lateral, beside)| Some((skin(&body, pose, lateral, probe.depth_mm)?, beside)))
+            .collect();
+        let ends: Vec<_> = entries.iter().map(|(entry, _)| *entry).chain([goal.tip]).collect();
+        let bones = Bones::around(&body, &ends);
+        let candidates: Vec<Candidate> = entries
+            .into_iter()
+            .map(|(entry, beside)| Candidate {
+                entry,
+                beside: Some(beside),
+                depth_mm: (goal.tip - entry).norm(),
+                course: bones.course(&[entry, goal.tip]),
+            })
+            .filter(|it| it.depth_mm + APPROACH_MM <= needle.length_mm && !it.course.leaves())
+            .collect();
+        let clear = |it: &&Candidate| it.course.nearest.is_none_or(|(_, away)| away >= CLEAR_MM);
+        let near = |a: &&Candidate, b: &&Candidate| {
+            let key = |it: &Candidate| [it.beside.map_or(0.0, |(offset, _)| offset), it.depth_mm];
+            let ([offset, depth], [other, deeper]) = (key(a), key(b));
+            offset.total_cmp(&other).then(depth.total_cmp(&deeper))
+        };
+        let clear = candidates.iter().filter(clear);
+        let without_gas = clear.clone().filter(|it| it.course.gas.is_none()).min_by(near);
+        let chosen = without_gas.or_else(|| clear.min_by(near)).cloned();
+        chosen.ok_or_else(|| self.no_way(&body, goal, needle, &candidates))
+    }
+
+    fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> ScenarioError {
+        let passed = candidates.iter().filter_map(|it| it.course.nearest);
+        let found = match passed.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((label, away)) => format!(
+                "no straight path from beside the probe to {} that keeps {CLEAR_MM} mm from bone; the best passes {} at {away:.1} mm",
+                goal.name,
+                body.name(label)
+            ),
+            None => format!(
+                "no skin beside the probe from which a needle of {} mm reaches {} without leaving the body",
+                needle.length_mm, goal.name
+            ),
+        };
+        let expected = "`needle.entry` as a point [x, y, z] on the skin, another `scene.pose`, or a longer needle";
+        self.wrong_keys("needle.entry", found, expected)
+    }
+}
+
+impl Aim {
+    /// The motion to the target and back: start (s), speed (mm/s) and pause at the target (s).
+    pub fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
+        let travel_s = (self.tip - self.start).norm() / speed_mm_s;
+        let back_s = start_s + travel_s + pause_s;
+        let frame = |(time_s, at): (f64, Point3<f64>)| NeedleKeyframe {
+            time_s: (time_s * 1e3).round() / 1e3,
+            tip_mm: at.into(),
+            direction: self.direction.into(),
+            roll_deg: None,
+        };
+        let times = [start_s, start_s + travel_s, back_s, back_s + travel_s];
+        times
+            .into_iter()
+            .zip([self.start, self.tip, self.tip, self.start])
+            .map(frame)
+            .collect()
+    }
+
+    /// A box around the path for the mesh, mm.
+    fn box_mm(&self) -> [[f64; 3]; 2] {
+        let (a, b) = (self.start, self.tip);
+        [
+            [0, 1, 2].map(|axis| (a[axis].min(b[axis]) - AROUND_MM).floor()),
+            [0, 1, 2].map(|axis| (a[axis].max(b[axis]) + AROUND_MM).ceil()),
+        ]
+    }
+}
+
+/// A point to 0.01 mm, as a file states it.
+fn hundredths(point: &Point3<f64>) -> Point3<f64> {
+    point.map(|x| (x * 100.0).round() / 100.0)
+}
