@@ -22,15 +22,15 @@ const LARGEST_SIDE: u32 = 16_384;
 pub struct NamesArg {
     /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, label descriptions of ITK-SNAP
     /// [default: the file of the same name that ends in .csv, beside labels without names]
-    #[arg(long = "names", value_name = "FILE")]
-    file: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    names: Option<PathBuf>,
 }
 
 impl NamesArg {
     /// How labels get their names.
     pub fn naming(&self) -> Result<Naming<'static>, VolumeError> {
         Ok(Naming {
-            names: self.file.as_deref().map(Names::read).transpose()?,
+            names: self.names.as_deref().map(Names::read).transpose()?,
             ..Naming::default()
         })
     }
@@ -62,7 +62,7 @@ impl Input {
     pub fn is_default(&self) -> bool {
         self.scene.is_none()
             && self.labels.is_none()
-            && self.names.file.is_none()
+            && self.names.names.is_none()
             && self.target.is_none()
             && self.size.is_none()
     }
@@ -117,7 +117,7 @@ impl Input {
                 ..volume
             });
         }
-        if let Some(names) = &self.names.file {
+        if let Some(names) = &self.names.names {
             file.volume.get_or_insert_default().names = Some(here(names));
         }
         if let Some(target) = &self.target {
