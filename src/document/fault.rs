@@ -107,7 +107,7 @@ impl<P: fmt::Display> fmt::Display for Fault<P> {
         if let Some(key) = &self.0.key {
             write!(f, "{key}: ")?;
         }
-        f.write_str(&clipped(&self.0.problem.to_string(), MESSAGE / 2))?;
+        f.write_str(&clipped(&self.0.problem.to_string(), MESSAGE / 4))?;
         match self.location() {
             Some((name, line)) => write!(f, " ({name}, line {line})"),
             None => self.0.file.as_ref().map_or(Ok(()), |name| write!(f, " ({name})")),
