@@ -22,16 +22,20 @@ impl From<TooLarge> for io::Error {
     }
 }
 
+/// Most memory that is left for what is not asked for here, bytes: the allocator's arenas take 64 MiB of address space each.
+const MOST_RESERVE: u64 = 128 << 20;
+
 /// Refuses `needed` bytes for `what` where fewer are available. Where the system does not say, nothing is refused.
 ///
 /// # Errors
 /// [`TooLarge`], a failure of the machine (exit status 1).
 pub fn check(needed: u64, what: &str) -> Result<(), TooLarge> {
-    match available() {
-        Some(available) if needed > available as u64 => Err(TooLarge {
+    let available = available().map(|bytes| bytes as u64 - (bytes as u64 / 8).min(MOST_RESERVE));
+    match available {
+        Some(available) if needed > available => Err(TooLarge {
             what: what.to_owned(),
             needed,
-            available: available as u64,
+            available,
         }),
         _ => Ok(()),
     }

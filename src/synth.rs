@@ -49,7 +49,7 @@ pub enum SynthError {
     #[error(transparent)]
     Nodes(#[from] NodeCount),
     /// More memory than there is.
-    #[error("{0}; ask for fewer pixels, scanlines, samples or sub-planes")]
+    #[error(transparent)]
     Memory(#[from] TooLarge),
     /// A pose with numbers that are not finite, or that is singular.
     #[error("the probe pose is not a finite, invertible transform")]
