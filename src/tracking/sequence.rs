@@ -11,9 +11,11 @@ use nalgebra::Matrix4;
 use crate::volume::header::Header;
 use crate::volume::{VolumeError, read_data, read_header};
 
+mod info;
 mod keys;
 mod orientation;
 
+pub use info::SequenceInfo;
 pub(crate) use keys::ends;
 pub use orientation::Orientation;
 

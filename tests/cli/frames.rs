@@ -126,12 +126,12 @@ fn a_sequence_reads_back_with_its_poses() {
             assert_eq!((image.width, image.height), (size.0 as usize, size.1 as usize));
             assert_eq!(image.pixels, pixels, "{file} {number}");
             assert_eq!(sequence.frames[number].timestamp, Some(number as f64));
-            let pose = sequence.transform(number, "Probe", "World").unwrap();
+            let pose = sequence.transform(number, "Transducer", "World").unwrap();
             assert!(
                 (pose[(0, 3)] - x).abs() < 1e-9 && (pose[(1, 3)] + 40.0).abs() < 1e-9,
                 "{pose}"
             );
-            let image_to_probe = sequence.transform(number, "Image", "Probe").unwrap();
+            let image_to_probe = sequence.transform(number, "Image", "Transducer").unwrap();
             assert!(
                 image_to_probe[(0, 0)] > 0.0 && image_to_probe[(2, 3)].abs() < 1e-9,
                 "{image_to_probe}"
@@ -151,7 +151,7 @@ fn a_sequence_of_ours_moves_a_probe_again() {
     let (before, rest) = again.split_once("[motion]").unwrap();
     let (_, after) = rest.split_once("[needle]").unwrap();
     let again =
-        format!("{before}[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"ProbeToWorld\"\n[needle]{after}");
+        format!("{before}[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"TransducerToWorld\"\n[needle]{after}");
     bench.write("again.toml", &again);
     bench.run("render again.toml --backend cpu -o again.mha").text();
     let [first, second] = ["sweep.mha", "again.mha"].map(|name| Sequence::read(&bench.path(name)).unwrap());

@@ -1,5 +1,5 @@
 use insonify::output::sequence::{FrameInfo, SequenceWriter};
-use insonify::tracking::sequence::Sequence;
+use insonify::tracking::sequence::{Sequence, SequenceInfo};
 
 use crate::data;
 
@@ -51,6 +51,43 @@ fn every_real_sequence_has_its_frames() {
             let named = frames - sequence.missing.len();
             assert_eq!(poses.frames.len(), named, "{name}");
         }
+    }
+}
+
+#[test]
+fn real_sequences_are_summarised() {
+    let info = |name: &str| data(name).map(|path| SequenceInfo::of(&path).expect(name));
+    if let Some(nwire) = info("tracked/NwirePhantomFreehand.igs.nrrd") {
+        let images = nwire.images.as_ref().unwrap();
+        assert_eq!(
+            (nwire.frames, images.width, images.height, images.valid),
+            (97, 820, 616, 97)
+        );
+        assert_eq!((images.pixel, images.orientation.as_deref()), ("uint8", Some("MFA")));
+        let found: Vec<_> = nwire
+            .transforms
+            .iter()
+            .map(|t| (t.name.as_str(), t.frames, t.valid))
+            .collect();
+        let expected = [
+            ("ProbeToTracker", 97, 97),
+            ("ReferenceToTracker", 97, 97),
+            ("StylusToTracker", 97, 0),
+        ];
+        assert_eq!(found, expected);
+        let text = nwire.to_string();
+        assert!(text.contains("StylusToTracker          97        0"), "{text}");
+    }
+    if let Some(sliding) = info("tracked/SlidingProbeTrackingData.igs.mha") {
+        let time = sliding.time.unwrap();
+        assert_eq!((sliding.frames, sliding.images, time.frames), (85, None, 85));
+        assert!((time.median_interval_s.unwrap() - 0.5).abs() < 0.02, "{time:?}");
+    }
+    for labels in [
+        "volumes/plus_SpinePhantomFreehandReconstructed.mha",
+        "config/BoneUltrasound_L14_config.xml",
+    ] {
+        assert_eq!(data(labels).and_then(|path| SequenceInfo::of(&path)), None, "{labels}");
     }
 }
 
