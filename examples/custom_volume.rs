@@ -77,6 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             height: 480,
             margin: 0.02,
             fill: 0,
+            placed: None,
         },
         effects: Effects::usual(),
         has_needle: false,

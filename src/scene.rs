@@ -22,6 +22,7 @@ mod error;
 mod file;
 mod motion;
 mod paths;
+mod recording;
 mod resolve;
 mod target;
 mod timeline;
@@ -32,7 +33,7 @@ use nalgebra::Point3;
 
 pub use deform::DeformSpec;
 pub use error::{Problem, SceneError};
-pub use file::{ImageSpec, PoseTable, SceneFile, TextureSpec, VERSION, VolumeSpec};
+pub use file::{GridSpec, ImageSpec, PoseTable, SceneFile, TextureSpec, VERSION, VolumeSpec};
 pub use paths::{
     BendingSpec, MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec,
 };
@@ -43,7 +44,9 @@ use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
+use crate::tracking::sequence::SequenceFrame;
 use crate::tracking::trajectory::Trajectory;
+use crate::tracking::world::World;
 use deform::Deformation;
 use motion::Needle;
 pub(crate) use target::Body;
@@ -118,6 +121,7 @@ pub struct Scene {
     /// The scene file with probe, image, effects and a pose that stays filled in.
     pub file: SceneFile,
     probe: Trajectory,
+    recording: Vec<SequenceFrame>,
     needle: Option<Needle>,
     deformation: Option<Deformation>,
     timeline: Timeline,
@@ -139,6 +143,20 @@ impl Scene {
     /// Where the probe is in frame `frame` of `of`.
     pub fn probe_pose(&self, frame: usize, of: usize) -> Pose {
         self.probe.at(self.time_s(frame, of))
+    }
+
+    /// What a tracked sequence that moves the probe recorded for frame `frame` of `of`: nothing where there are not as many
+    /// frames as recorded poses.
+    pub fn recorded(&self, frame: usize, of: usize) -> Option<&SequenceFrame> {
+        let keys = self.probe.keys();
+        let key = keys.get(frame).filter(|_| keys.len() == of)?;
+        self.recording.get(key.source)
+    }
+
+    /// The axes in which the scene states the motion of the probe.
+    pub fn motion_world(&self) -> World {
+        let motion = self.file.motion.as_ref();
+        motion.and_then(|motion| motion.world).unwrap_or_default()
     }
 
     /// Where the needle is in frame `frame` of `of`, if the scene has one.

@@ -7,9 +7,12 @@ const SIMILAR: f64 = 0.8;
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // Similarity takes the product of the lengths: no key is as long as what a broken file may hold.
     let short: String = word.chars().take(60).collect();
-    let scored = candidates
-        .into_iter()
-        .map(|candidate| (strsim::jaro_winkler(&short.to_lowercase(), candidate), candidate));
+    let scored = candidates.into_iter().map(|candidate| {
+        (
+            strsim::jaro_winkler(&short.to_lowercase(), &candidate.to_lowercase()),
+            candidate,
+        )
+    });
     scored
         .filter(|(score, _)| *score >= SIMILAR)
         .reduce(|best, next| if next.0 > best.0 { next } else { best })

@@ -10,6 +10,7 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use nalgebra::Matrix4;
 
 use super::atomic::{self, WriteError, folder_of};
+use crate::tracking::sequence::SequenceFrame;
 
 /// What goes with an image.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +22,22 @@ pub struct FrameInfo<'a> {
     pub transforms: &'a [(&'a str, Matrix4<f64>, bool)],
     /// Whether the image shows anything.
     pub image_valid: bool,
+}
+
+/// The transforms of a rendered frame: `ImageToWorld` and `TransducerToWorld` (the centre of the array), and all others that a
+/// tracker recorded for it.
+pub fn transforms(
+    [image_to_world, transducer_to_world]: [Matrix4<f64>; 2],
+    recorded: Option<&SequenceFrame>,
+) -> Vec<(&str, Matrix4<f64>, bool)> {
+    let mut all = vec![
+        ("ImageToWorld", image_to_world, true),
+        ("TransducerToWorld", transducer_to_world, true),
+    ];
+    let others = recorded.into_iter().flat_map(|frame| &frame.transforms);
+    let others = others.filter(|(name, _)| !["ImageToWorld", "TransducerToWorld"].contains(&name.as_str()));
+    all.extend(others.map(|(name, transform)| (name.as_str(), transform.matrix, transform.valid)));
+    all
 }
 
 /// Why a sequence cannot be written.
@@ -52,7 +69,7 @@ pub enum SequenceError {
         height: usize,
     },
     /// A transform name that is not of the form `FromToTo`.
-    #[error("{}: found the transform name {name:?}, expected letters and digits as in \"ProbeToTracker\"", path.display())]
+    #[error("{}: found the transform name {name:?}, expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"", path.display())]
     Name {
         /// The file asked for.
         path: PathBuf,
@@ -174,7 +191,7 @@ impl SequenceWriter {
             let named = name
                 .split_once("To")
                 .is_some_and(|(from, to)| !from.is_empty() && !to.is_empty());
-            if !named || !name.chars().all(|c| c.is_ascii_alphanumeric()) {
+            if !named || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
                 return Err(SequenceError::Name {
                     path: self.path.clone(),
                     name: (*name).to_owned(),

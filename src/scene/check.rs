@@ -6,6 +6,7 @@ use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
 use crate::synth::tables::ImageSize;
+use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{BeamGrid, ImageGrid, InvalidGrid, Probe, ProbeShape};
 
 /// Most frames that a scene may state.
@@ -14,14 +15,22 @@ const MAX_FRAMES: u32 = 1_000_000;
 /// What a scene says of a frame, whatever is in it.
 pub(super) struct Framing {
     pub probe: Probe,
+    /// Whether scanlines and samples are left open.
+    pub open_grid: [bool; 2],
     pub grid: BeamGrid,
     pub image: ImageSize,
     pub effects: Effects,
 }
 
 impl SceneFile {
-    /// Checks version, probe, image, effects and the number of frames, and fills in what is left open.
-    pub(super) fn framing(&self) -> Result<Framing, SceneError> {
+    /// Checks version, probe, image, effects and the number of frames, and fills in what is left open: of the probe from the
+    /// configuration of a recording first.
+    pub(super) fn framing(
+        &self,
+        plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Framing, SceneError> {
         if self.version != Some(VERSION) {
             return Err(self.fault("version", Problem::Version { found: self.version }));
         }
@@ -30,7 +39,8 @@ impl SceneFile {
             return Err(self.fault(format!("quality.{key}"), Problem::Number { found, expected }));
         }
         let volume = self.volume()?;
-        let probe = match self.probe {
+        let table = self.probe_table(plus, notes, warnings);
+        let probe = match table {
             Some(spec) => Probe::try_from(spec),
             None => usual_probe(volume.phantom),
         };
@@ -42,6 +52,7 @@ impl SceneFile {
             height: image.height as usize,
             margin: image.margin,
             fill: image.fill,
+            placed: None,
         };
         ImageGrid::fit(&grid, image.width, image.height, image.margin).map_err(|error| {
             let key = match &error {
@@ -65,6 +76,10 @@ impl SceneFile {
         }
         Ok(Framing {
             probe,
+            open_grid: [
+                table.is_none_or(|probe| probe.lines.is_none()),
+                table.is_none_or(|probe| probe.samples.is_none()),
+            ],
             grid,
             image,
             effects,

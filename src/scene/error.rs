@@ -58,7 +58,7 @@ pub enum Problem {
         expected: String,
     },
     /// A tracked sequence without the transform asked for.
-    #[error("no frame of {} has or connects `{transform}`; it has {has}", path.display())]
+    #[error("no frame of {} has `{transform}`, or valid transforms that connect the two; it has {has}", path.display())]
     NoTransform {
         /// The sequence.
         path: PathBuf,

@@ -17,6 +17,7 @@ use crate::tracking::matrix::Rows;
 use crate::tracking::placement::ScanPlane;
 use crate::tracking::pose::PoseSpec;
 use crate::tracking::probe::ProbeSpec;
+use crate::tracking::world::World;
 use crate::volume::complete::Unlabelled;
 use crate::volume::texture::{Seam, Values};
 
@@ -41,8 +42,8 @@ pub struct SceneFile {
     #[schemars(required)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<VolumeSpec>,
-    /// The transducer. Default: the one that suits the phantom, or for a file a curvilinear one of 60 mm and 70 degrees,
-    /// 150 mm deep.
+    /// The transducer. Default: what the PLUS configuration of a recording says; the one that suits the phantom; for a file a
+    /// curvilinear one of 60 mm and 70 degrees, 150 mm deep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probe: Option<ProbeSpec>,
     /// Where the probe stays. Default: the phantom's own pose, or on the skin over the largest soft organ.
@@ -140,7 +141,10 @@ pub struct PoseTable {
     /// Orientation of the scan plane of a probe that is placed. Default: the one that shows more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane: Option<ScanPlane>,
-    /// Centre of the array in the world (LPS), mm.
+    /// Axes of the world that the pose is stated in: `lps` (default), or `ras` as in 3D Slicer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub world: Option<World>,
+    /// Centre of the array in the world, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
     /// Where the probe looks in the world; any length.
@@ -165,7 +169,7 @@ pub struct PoseTable {
 }
 
 impl PoseTable {
-    /// The keys that make a pose.
+    /// The keys that make a pose, in LPS.
     pub fn pose(&self) -> PoseSpec {
         PoseSpec {
             position_mm: self.position_mm,
@@ -176,6 +180,7 @@ impl PoseTable {
             tilt_deg: self.tilt_deg,
             matrix: self.matrix,
         }
+        .in_lps(self.world.unwrap_or_default())
     }
 
     /// Whether it says where the probe is, rather than how a place found otherwise is changed.
@@ -184,11 +189,25 @@ impl PoseTable {
     }
 }
 
+/// Where the pixels of a frame lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum GridSpec {
+    /// The whole sector in `width` by `height` square pixels.
+    #[default]
+    Fitted,
+    /// Pixel for pixel those of the recording that moves the probe, by its size (or that in its PLUS configuration) and its
+    /// calibration.
+    Recorded,
+}
+
 /// The frame's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
-    /// Columns (1 to 16384). Default 640.
+    /// Where the pixels lie. Default `fitted`.
+    pub grid: GridSpec,
+    /// Columns (1 to 16384). Default 640; not with `recorded`, as `height` and `margin`.
     pub width: u32,
     /// Rows (1 to 16384). Default 480.
     pub height: u32,
@@ -201,6 +220,7 @@ pub struct ImageSpec {
 impl Default for ImageSpec {
     fn default() -> Self {
         Self {
+            grid: GridSpec::Fitted,
             width: 640,
             height: 480,
             margin: 0.02,

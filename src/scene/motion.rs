@@ -6,17 +6,19 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
-use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec};
-use crate::tracking::calibration::{PlusCalibration, transducer_to_probe};
+use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable};
+use super::recording::{Recording, left_out};
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
-use crate::tracking::sequence::{Sequence, ends};
-use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory, TrajectoryError};
+use crate::tracking::plus::PlusConfig;
+use crate::tracking::trajectory::{Interpolation, Trajectory, TrajectoryError};
+use crate::tracking::world::World;
 
-/// A path, and whether its poses are frames of their own, as those of a recording are.
+/// A path, whether its poses are frames of their own, as those of a recording are, and the tracked sequence that it is from.
 #[derive(Clone, Debug)]
 pub(super) struct ProbePath {
     pub trajectory: Trajectory,
     pub recorded: bool,
+    pub recording: Option<Recording>,
 }
 
 /// A needle that lies or moves.
@@ -28,7 +30,12 @@ pub(super) enum Needle {
 
 impl SceneFile {
     /// The path of the probe, if the scene names one.
-    pub(super) fn probe_path(&self, base: &Path, warnings: &mut Vec<String>) -> Result<Option<ProbePath>, SceneError> {
+    pub(super) fn probe_path(
+        &self,
+        base: &Path,
+        plus: Option<&PlusConfig>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<ProbePath>, SceneError> {
         let Some(motion) = &self.motion else { return Ok(None) };
         let MotionSpec {
             keyframes,
@@ -37,29 +44,34 @@ impl SceneFile {
             ..
         } = motion;
         let interpolation = motion.interpolation.unwrap_or_default();
+        let world = motion.world.unwrap_or_default();
         let keyframed = match (keyframes, csv, sequence) {
+            (None, None, None) if motion.world.is_some() => {
+                let found = "`world` without a path";
+                return Err(self.wrong_keys("motion.world", found, "`keyframes`, `csv` or `sequence` beside it"));
+            }
             (None, None, None) => return Ok(None),
-            (Some(keyframes), None, None) => Trajectory::from_keyframes(keyframes, interpolation)
+            (Some(keyframes), None, None) => Trajectory::from_keyframes(keyframes, world, interpolation)
                 .map_err(|error| self.fault(keyframe_key("motion", &error), error))?,
             (None, Some(csv), None) => {
-                let trajectory = Trajectory::from_csv(&base.join(csv), interpolation).at(self, "motion.csv")?;
+                let trajectory = Trajectory::from_csv(&base.join(csv), world, interpolation).at(self, "motion.csv")?;
                 return Ok(Some(ProbePath {
                     trajectory,
                     recorded: true,
+                    recording: None,
                 }));
             }
             (None, None, Some(spec)) => {
-                let (frames, path) =
-                    self.frames("motion.sequence", spec.file.as_deref(), probe_transform(spec), base)?;
-                warnings.extend(path.warnings);
-                let to_marker = self.array_to_marker(spec, base)?;
-                let to_world = spec.tracker_to_world.map_or_else(Matrix4::identity, |rows| rows.0);
-                let trajectory = Trajectory::from_tracked(&frames, &to_marker, &to_world, interpolation)
-                    .map_err(|error| self.fault(tracked_key("motion.sequence", &error), error))?;
+                let (frames, recording) = self.recording(spec, base, plus, warnings)?;
+                let to_world = world.transform(spec.tracker_to_world.map_or_else(Matrix4::identity, |rows| rows.0));
+                let trajectory =
+                    Trajectory::from_tracked(&frames, &recording.array_to_marker, &to_world, interpolation)
+                        .map_err(|error| self.fault(tracked_key("motion.sequence", &error), error))?;
                 warnings.extend(left_out("motion.sequence", &trajectory, frames.len()));
                 return Ok(Some(ProbePath {
                     trajectory,
                     recorded: true,
+                    recording: Some(recording),
                 }));
             }
             _ => {
@@ -70,6 +82,7 @@ impl SceneFile {
         Ok(Some(ProbePath {
             trajectory: keyframed,
             recorded: false,
+            recording: None,
         }))
     }
 
@@ -90,7 +103,8 @@ impl SceneFile {
             let found = "both `motion` and where the needle lies";
             return Err(self.wrong_keys("needle", found, "one of them (`length_mm` and `diameter_mm` suit both)"));
         }
-        let (tip, recorded) = self.needle_tip(motion, base, warnings)?;
+        let world = table.world.unwrap_or_default();
+        let (tip, recorded) = self.needle_tip(motion, world, base, warnings)?;
         let path = self.needle_path(table, tip)?;
         Ok(Some(Needle::Moving { path, recorded }))
     }
@@ -100,10 +114,11 @@ impl SceneFile {
         let diameter = table.diameter_mm.unwrap_or(DEFAULT_DIAMETER_MM);
         let path = NeedlePath::new(tip, length, diameter).map_err(|error| self.fault(needle_key(&error), error))?;
         let Some(bending) = &table.bending else { return Ok(path) };
+        let world = table.world.unwrap_or_default();
         path.constrained(
             bending.constraint(),
-            Point3::from(bending.entry_mm),
-            Vector3::from(bending.entry_direction),
+            Point3::from(world.vector(bending.entry_mm)),
+            Vector3::from(world.vector(bending.entry_direction)),
         )
         .map_err(|error| self.fault(needle_key(&error).replace("needle.", "needle.bending."), error))
     }
@@ -111,22 +126,24 @@ impl SceneFile {
     fn needle_tip(
         &self,
         motion: &NeedleMotionSpec,
+        world: World,
         base: &Path,
         warnings: &mut Vec<String>,
     ) -> Result<(Trajectory, bool), SceneError> {
         let interpolation = motion.interpolation.unwrap_or_default();
         match (&motion.keyframes, &motion.csv, &motion.sequence) {
             (Some(keyframes), None, None) => {
-                let keys: Vec<_> = keyframes
-                    .iter()
-                    .map(|key| (key.time_s, Point3::from(key.tip_mm), Vector3::from(key.direction)))
-                    .collect();
+                let key = |key: &NeedleKeyframe| {
+                    let [tip, direction] = [key.tip_mm, key.direction].map(|stated| world.vector(stated));
+                    (key.time_s, Point3::from(tip), Vector3::from(direction))
+                };
+                let keys: Vec<_> = keyframes.iter().map(key).collect();
                 let tip = NeedlePath::tip_trajectory(&keys, interpolation)
                     .map_err(|error| self.fault(keyframe_key("needle.motion", &error), error))?;
                 Ok((self.rolled(tip, keyframes, interpolation)?, false))
             }
             (None, Some(csv), None) => {
-                let tip = Trajectory::from_csv(&base.join(csv), interpolation).at(self, "needle.motion.csv")?;
+                let tip = Trajectory::from_csv(&base.join(csv), world, interpolation).at(self, "needle.motion.csv")?;
                 Ok((tip, true))
             }
             (None, None, Some(spec)) => {
@@ -136,7 +153,8 @@ impl SceneFile {
                 let matrix =
                     |rows: Option<crate::tracking::matrix::Rows>| rows.map_or_else(Matrix4::identity, |rows| rows.0);
                 let axis = Vector3::from(spec.shaft_axis.unwrap_or([0.0, 0.0, 1.0]));
-                let (to_marker, to_world) = (matrix(spec.tip_to_marker), matrix(spec.tracker_to_world));
+                let to_marker = matrix(spec.tip_to_marker);
+                let to_world = world.transform(matrix(spec.tracker_to_world));
                 let tip = NeedlePath::tip_from_tracked(&frames, &to_marker, axis, &to_world, interpolation)
                     .map_err(|error| self.fault(tracked_key(key, &error), error))?;
                 warnings.extend(left_out(key, &tip, frames.len()));
@@ -173,99 +191,6 @@ impl SceneFile {
         Trajectory::from_keys(keys, interpolation)
             .map_err(|error| self.fault(keyframe_key("needle.motion", &error), error))
     }
-
-    /// What a sequence recorded of one transform.
-    fn frames(
-        &self,
-        key: &str,
-        file: Option<&Path>,
-        transform: &str,
-        base: &Path,
-    ) -> Result<(Vec<TrackedFrame>, Sequence), SceneError> {
-        let Some(file) = file else {
-            return Err(self.wrong_keys(key, "no `file`", "the path of a tracked sequence"));
-        };
-        let path = base.join(file);
-        let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
-        let Some((from, to)) = ends(transform) else {
-            let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
-            return Err(self.fault(format!("{key}.transform"), Problem::Name { found, expected }));
-        };
-        let named = |frame: &crate::tracking::sequence::SequenceFrame| frame.transforms.contains_key(transform);
-        let frames: Vec<TrackedFrame> = (0..sequence.frames.len())
-            .map(|at| TrackedFrame {
-                time_s: sequence.frames[at].timestamp,
-                tool_to_tracker: match sequence.frames[at].transforms.get(transform) {
-                    Some(recorded) => recorded.valid.then_some(recorded.matrix),
-                    None => sequence.transform(at, from, to),
-                },
-            })
-            .collect();
-        let connected = frames.iter().any(|frame| frame.tool_to_tracker.is_some());
-        if connected || sequence.frames.iter().any(named) {
-            return Ok((frames, sequence));
-        }
-        let names: std::collections::BTreeSet<&str> = sequence
-            .frames
-            .iter()
-            .flat_map(|frame| frame.transforms.keys().map(String::as_str))
-            .collect();
-        let has = if names.is_empty() {
-            "no transforms".to_owned()
-        } else {
-            names.into_iter().collect::<Vec<_>>().join(", ")
-        };
-        let transform = transform.to_owned();
-        Err(self.fault(
-            format!("{key}.transform"),
-            Problem::NoTransform { path, transform, has },
-        ))
-    }
-
-    /// The transform from the centre of the array to the marker on the probe.
-    fn array_to_marker(&self, spec: &SequenceSpec, base: &Path) -> Result<Matrix4<f64>, SceneError> {
-        const KEY: &str = "motion.sequence";
-        let ways = [
-            spec.transducer_to_probe.is_some(),
-            spec.image_to_probe.is_some(),
-            spec.plus_config.is_some(),
-        ];
-        if ways.iter().filter(|given| **given).count() > 1 {
-            let found = "more than one of `transducer_to_probe`, `image_to_probe` and `plus_config`";
-            return Err(self.wrong_keys(KEY, found, "at most one calibration"));
-        }
-        if let Some(config) = &spec.plus_config {
-            let key = "motion.sequence.plus_config";
-            let plus = PlusCalibration::read(&base.join(config)).at(self, key)?;
-            let marker = ends(probe_transform(spec)).map_or("Probe", |(from, _)| from);
-            let image_to_probe = plus.transform("Image", marker).at(self, key)?;
-            let Some(centre) = spec.array_centre_px.or_else(|| plus.array_centre_px()) else {
-                let found = format!("no `TransducerCenterPixel` in {}", base.join(config).display());
-                return Err(self.wrong_keys(key, found, "`array_centre_px` beside it"));
-            };
-            return transducer_to_probe(&image_to_probe, centre).at(self, key);
-        }
-        match (&spec.image_to_probe, spec.array_centre_px) {
-            (Some(image), Some(centre)) => {
-                transducer_to_probe(&image.0, centre).at(self, "motion.sequence.image_to_probe")
-            }
-            (Some(_), None) => Err(self.wrong_keys(
-                "motion.sequence.image_to_probe",
-                "`image_to_probe` without `array_centre_px`",
-                "the pixel (column, row) at the centre of the array",
-            )),
-            (None, Some(_)) => Err(self.wrong_keys(
-                "motion.sequence.array_centre_px",
-                "`array_centre_px` without `image_to_probe` or `plus_config`",
-                "the calibration that it belongs to",
-            )),
-            (None, None) => Ok(spec.transducer_to_probe.map_or_else(Matrix4::identity, |rows| rows.0)),
-        }
-    }
-}
-
-fn probe_transform(spec: &SequenceSpec) -> &str {
-    spec.transform.as_deref().unwrap_or("ProbeToTracker")
 }
 
 fn needle_transform(spec: &NeedleSequenceSpec) -> &str {
@@ -303,24 +228,4 @@ fn needle_key(error: &crate::tracking::needle::InvalidNeedle) -> String {
     error
         .key()
         .map_or_else(|| "needle".to_owned(), |key| format!("needle.{key}"))
-}
-
-/// What is said of frames of a recording that make no pose, or the same pose again.
-fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<String> {
-    let mut said = Vec::new();
-    if let Some(first) = path.skipped().first() {
-        said.push(format!(
-            "{key}: {} of {frames} frames skipped; frame {}: {}",
-            path.skipped().len(),
-            first.frame,
-            first.reason
-        ));
-    }
-    if path.repeated() > 0 {
-        said.push(format!(
-            "{key}: {} of {frames} frames repeat the pose before them (a tool at rest, or a tracker that stalled)",
-            path.repeated()
-        ));
-    }
-    said
 }

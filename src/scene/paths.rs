@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::tracking::matrix::Rows;
 use crate::tracking::needle::{BendingConstraint, NeedleSpec};
 use crate::tracking::trajectory::{Interpolation, KeyframeSpec};
+use crate::tracking::world::World;
 
 /// How the probe moves: at most one of `keyframes`, `csv` and `sequence`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -17,6 +18,9 @@ pub struct MotionSpec {
     /// sequence or row of a CSV path; 25 a second of a path through keyframes or of a ramp, at most 1000; else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
+    /// Axes of the world that keyframes, CSV path or tracked sequence refer to: `lps` (default), or `ras` as in 3D Slicer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub world: Option<World>,
     /// How positions run between poses. Default `linear`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub interpolation: Option<Interpolation>,
@@ -52,10 +56,11 @@ pub struct SequenceSpec {
     /// The pixel (column, row) at which the centre of the array lies in the calibrated image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub array_centre_px: Option<[f64; 2]>,
-    /// In place of those: a PLUS configuration file that holds the calibration.
+    /// In place of those: a PLUS configuration file that holds the calibration. Keys of the probe that the scene does not
+    /// state are taken from it too.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plus_config: Option<PathBuf>,
-    /// Rigid transform from the tracker to the world (LPS). Default: identity.
+    /// Rigid transform from the tracker to the world. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracker_to_world: Option<Rows>,
 }
@@ -64,7 +69,10 @@ pub struct SequenceSpec {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleTable {
-    /// The tip in the world (LPS), mm.
+    /// Axes of the world that the needle, and what moves it, are stated in: `lps` (default), or `ras` as in 3D Slicer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub world: Option<World>,
+    /// The tip in the world, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_mm: Option<[f64; 3]>,
     /// A point that the shaft passes through on its way to the tip, mm.
@@ -91,13 +99,16 @@ pub struct NeedleTable {
 }
 
 impl NeedleTable {
-    /// The keys that make a needle at rest.
+    /// The keys that make a needle at rest, in LPS.
     pub fn pose(&self) -> NeedleSpec {
+        let world = self.world.unwrap_or_default();
+        let vector = |stated: Option<[f64; 3]>| stated.map(|stated| world.vector(stated));
+        let nodes = self.nodes_mm.as_ref();
         NeedleSpec {
-            tip_mm: self.tip_mm,
-            entry_mm: self.entry_mm,
-            direction: self.direction,
-            nodes_mm: self.nodes_mm.clone(),
+            tip_mm: vector(self.tip_mm),
+            entry_mm: vector(self.entry_mm),
+            direction: vector(self.direction),
+            nodes_mm: nodes.map(|nodes| nodes.iter().map(|&node| world.vector(node)).collect()),
             length_mm: self.length_mm,
             diameter_mm: self.diameter_mm,
         }
@@ -128,7 +139,7 @@ pub struct NeedleMotionSpec {
 pub struct NeedleKeyframe {
     /// When, s; later than the keyframe before it.
     pub time_s: f64,
-    /// The tip in the world (LPS), mm.
+    /// The tip in the world, mm.
     pub tip_mm: [f64; 3],
     /// Where the needle points; any length.
     pub direction: [f64; 3],
@@ -153,7 +164,7 @@ pub struct NeedleSequenceSpec {
     /// Direction from hub to tip in the tip's frame. Default `[0, 0, 1]`, as in PLUS's needle models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shaft_axis: Option<[f64; 3]>,
-    /// Rigid transform from the tracker to the world (LPS). Default: identity.
+    /// Rigid transform from the tracker to the world. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracker_to_world: Option<Rows>,
 }
@@ -162,7 +173,7 @@ pub struct NeedleSequenceSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BendingSpec {
-    /// Where the needle entered the body (LPS), mm.
+    /// Where the needle entered the body, mm.
     pub entry_mm: [f64; 3],
     /// The direction in which it entered; any length.
     pub entry_direction: [f64; 3],

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use super::Scene;
 use super::check::Framing;
 use super::error::{At, Problem, SceneError};
-use super::file::{ImageSpec, PoseTable, SceneFile, TextureSpec};
+use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
+use super::paths::MotionSpec;
 use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
@@ -20,6 +21,7 @@ use crate::tracking::matrix::Rows;
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::{BeamGrid, ProbeSpec};
 use crate::tracking::trajectory::Trajectory;
+use crate::tracking::world::World;
 use crate::volume::complete::{CompleteOptions, CompletionError, complete};
 use crate::volume::texture::{InvalidTexture, SolidTexture, TextureOptions};
 use crate::volume::{LabelVolume, load_scalar};
@@ -31,9 +33,10 @@ impl SceneFile {
     /// # Errors
     /// [`SceneError`], with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path) -> Result<Scene, SceneError> {
-        let framing = self.framing()?;
         let (mut notes, mut warnings) = (Vec::new(), Vec::new());
-        let path = self.probe_path(base_dir, &mut warnings)?;
+        let plus = self.plus_config(base_dir)?;
+        let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
+        let path = self.probe_path(base_dir, plus.as_ref(), &mut warnings)?;
         if path.is_some() && self.pose.is_some() {
             let found = "both `[pose]` and a path in `[motion]`";
             return Err(self.wrong_keys("pose", found, "one of them"));
@@ -47,11 +50,12 @@ impl SceneFile {
         let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
             .map_err(|error| self.fault(self.tissue_key(&error), error))?;
         warnings.extend(assumed);
+        notes.extend(self.no_organ(&volume, &tissues));
         let deformation = self.deformation(&volume, base_dir)?;
 
         let mut file = self.filled(&framing);
-        let (probe, recorded) = match path {
-            Some(path) => (path.trajectory, path.recorded),
+        let (probe, recorded, tracked) = match path {
+            Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
                 let body = Body {
                     volume: &volume,
@@ -62,10 +66,15 @@ impl SceneFile {
                     matrix: Some(Rows(*pose.probe_to_world())),
                     ..PoseTable::default()
                 });
-                (Trajectory::fixed(pose), false)
+                (Trajectory::fixed(pose), false, None)
             }
         };
-        warnings.extend(outside(&volume, &framing.grid, &probe));
+        let image = self.on_grid(framing.image, tracked.as_ref())?;
+        let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
+        if blind.is_none() {
+            notes.extend(self.assumed_worlds());
+        }
+        warnings.extend(blind);
 
         let span = |path: &Trajectory| [path.start_s(), path.end_s()];
         let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
@@ -96,19 +105,17 @@ impl SceneFile {
             settings: Settings {
                 seed: self.seed,
                 probe: framing.probe,
-                image: framing.image,
+                image,
                 effects: framing.effects,
                 has_needle: needle.is_some(),
             },
             quality: self.quality.unwrap_or_default(),
-            open_grid: [
-                self.probe.is_none_or(|probe| probe.lines.is_none()),
-                self.probe.is_none_or(|probe| probe.samples.is_none()),
-            ],
+            open_grid: framing.open_grid,
             notes,
             warnings,
             file,
             probe,
+            recording: tracked.map_or_else(Vec::new, |tracked| tracked.frames),
             needle,
             deformation,
             timeline: Timeline::new(recording, &spans, stated.map(|frames| frames as usize)),
@@ -118,12 +125,7 @@ impl SceneFile {
     fn filled(&self, framing: &Framing) -> Self {
         Self {
             probe: Some(ProbeSpec::from(framing.probe)),
-            image: Some(ImageSpec {
-                width: framing.image.width as u32,
-                height: framing.image.height as u32,
-                margin: framing.image.margin,
-                fill: framing.image.fill,
-            }),
+            image: Some(self.image.unwrap_or_default()),
             effects: Some(framing.effects.clone()),
             source: None,
             ..self.clone()
@@ -171,6 +173,61 @@ impl SceneFile {
         })?;
         notes.push(completed.note);
         Ok(completed.volume)
+    }
+
+    /// A note where a body was closed around labels of which none is part of one.
+    fn no_organ(&self, volume: &LabelVolume, tissues: &TissueTable) -> Option<String> {
+        let labels = || (0u8..=255).zip(volume.labels()).skip(1);
+        let added = labels().any(|(_, label)| label.voxels == 0 && label.name.as_deref() == Some("skin"));
+        let of_file = labels().filter(|(_, label)| label.voxels > 0);
+        let names: Vec<String> = of_file
+            .map(|(at, label)| {
+                let tissue = tissues.of(at);
+                let of_body = tissue.soft_organ || tissue.occlusion_per_mm > 0.0;
+                (!of_body).then(|| label.name.clone().unwrap_or_else(|| label.value.to_string()))
+            })
+            .collect::<Option<_>>()?;
+        (added && self.volume.as_ref()?.unlabelled.is_none()).then(|| {
+            format!(
+                "no label ({}) is an organ or a bone, and a body with skin, fat and muscle was closed around them: of a \
+                 phantom, `unlabelled = \"air\"` under [volume] leaves it as it is",
+                names.join(", ")
+            )
+        })
+    }
+
+    /// The table that places the probe in the world, and the axes in which it does.
+    fn stated_world(&self) -> Option<(&'static str, World)> {
+        let moves =
+            |motion: &&MotionSpec| motion.keyframes.is_some() || motion.csv.is_some() || motion.sequence.is_some();
+        let motion = self.motion.as_ref().filter(moves);
+        let pose = self.pose.as_ref().filter(|pose| pose.is_explicit());
+        let motion = motion.map(|motion| ("motion", motion.world.unwrap_or_default()));
+        motion.or_else(|| pose.map(|pose| ("pose", pose.world.unwrap_or_default())))
+    }
+
+    /// A note for each tracked sequence whose place in the world is left open.
+    fn assumed_worlds(&self) -> Vec<String> {
+        let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
+        let probe = probe.and_then(|motion| motion.sequence.as_ref());
+        let needle = self.needle.as_ref().filter(|needle| needle.world.is_none());
+        let needle = needle.and_then(|needle| needle.motion.as_ref()?.sequence.as_ref());
+        let open = [
+            (
+                "motion",
+                probe.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
+            ),
+            (
+                "needle",
+                needle.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
+            ),
+        ];
+        let note = |(table, _): (&str, bool)| {
+            format!(
+                "the tracker's axes are taken as LPS; `world = \"ras\"` under [{table}] takes them as RAS, as 3D Slicer does"
+            )
+        };
+        open.into_iter().filter(|(_, open)| *open).map(note).collect()
     }
 
     fn textures(&self, base: &Path) -> Result<BTreeMap<String, Arc<SolidTexture>>, SceneError> {
@@ -238,17 +295,31 @@ impl SceneFile {
     }
 }
 
-/// A warning where poses of a path show nothing of the volume.
-fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory) -> Option<String> {
+/// A warning where poses of a path show nothing of the volume, with what to change where the other reading of the axes in
+/// which `stated` (a table and its axes) has them shows more.
+fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
     let poses = path.keys().len();
-    let blind = path.keys().iter().filter(|key| !sees(volume, grid, &key.pose)).count();
-    match (blind, poses) {
-        (0, _) => None,
-        (1, 1) => Some("the probe sees nothing of the volume: the frame will be black".to_owned()),
-        _ => Some(format!(
-            "the probe sees nothing of the volume in {blind} of {poses} poses"
-        )),
+    let blind = |turn: World| {
+        let unseen = |pose: &Pose| !sees(volume, grid, &pose.in_lps(turn));
+        path.keys().iter().filter(|key| unseen(&key.pose)).count()
+    };
+    let black = blind(World::Lps);
+    let mut warning = match (black, poses) {
+        (0, _) => return None,
+        (1, 1) => "the probe sees nothing of the volume: the frame will be black".to_owned(),
+        _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
+    };
+    if let Some((table, world)) = stated {
+        let (other, seen) = (world.other(), poses - blind(World::Ras));
+        if seen > poses - black {
+            let key = other.to_string().to_lowercase();
+            warning.push_str(&format!(
+                ". Read as {other} it sees the volume in {seen}: add `world = \"{key}\"` under [{table}] if the poses are \
+                 in {other}, as 3D Slicer has them"
+            ));
+        }
     }
+    Some(warning)
 }
 
 /// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.

@@ -42,6 +42,10 @@ impl SceneFile {
             }
             return table.pose().pose(None).map_err(invalid);
         }
+        if table.world.is_some() {
+            let expected = "`position_mm` with `direction`, or `matrix`, beside it";
+            return Err(self.wrong_keys("pose.world", "`world` without a pose that is stated", expected));
+        }
         let phantom = self.volume.as_ref().and_then(|volume| volume.phantom);
         let base = match phantom {
             Some(phantom) if table.target.is_none() && table.plane.is_none() => {

@@ -37,6 +37,7 @@ pub fn scene() -> (Anatomy, Settings, FrameState) {
             height: 24,
             margin: 0.0,
             fill: 0,
+            placed: None,
         },
         effects,
         has_needle: false,

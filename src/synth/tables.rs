@@ -48,6 +48,8 @@ pub struct ImageSize {
     pub margin: f64,
     /// Grey level outside the sector.
     pub fill: u8,
+    /// Where the pixels of an image of this width and height lie; none, or another size, fits the sector into it.
+    pub placed: Option<ImageGrid>,
 }
 
 /// What can be changed between frames without making a synthesizer anew.
@@ -412,7 +414,10 @@ impl Tables {
 }
 
 fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthError> {
-    Ok(ImageGrid::fit(grid, image.width, image.height, image.margin)?)
+    match image.placed {
+        Some(placed) if [placed.width(), placed.height()] == [image.width, image.height] => Ok(placed),
+        _ => Ok(ImageGrid::fit(grid, image.width, image.height, image.margin)?),
+    }
 }
 
 /// Refuses a frame that the memory does not hold before any of it is taken: map, grey levels and bytes of its pixels, the copy

@@ -4,15 +4,15 @@
 //! frame (pixels) in that frame, as `ImageToProbe`. The frame that this crate calls the probe frame is PLUS's `Transducer`: the
 //! origin at the centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its axes run
 //! along the columns and the rows, so a calibration and the pixel at which the array's centre lies give the transducer in the
-//! marker's frame ([`transducer_to_probe`]). PLUS writes that pixel as `TransducerCenterPixel`, or as an
-//! `ImageToTransducerOriginPixel` transform.
+//! marker's frame ([`Calibration`]).
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use super::matrix::{self, NotRigid, Rows};
+use super::matrix::{self, NotRigid};
+use super::probe::{ImageGrid, InvalidGrid};
 use crate::read;
 
 /// Largest angle that image axes may be off square by, rad: the worst calibration among the configurations of PlusLibData
@@ -89,269 +89,169 @@ impl CalibrationError {
     }
 }
 
-/// The transducer in the frame of the marker on the probe, mm, from an image-to-probe calibration (MF orientation, pixels to
-/// mm) and the pixel (column, row) at which the centre of the array lies. The axes are squared symmetrically: neither image
-/// axis is preferred. The third column of the calibration is not used, since a planar calibration does not measure it.
-pub fn transducer_to_probe(
-    image_to_probe: &Matrix4<f64>,
+/// A calibrated image: where the transducer is, and where the pixels lie in its plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    transducer_to_probe: Matrix4<f64>,
+    /// Steps of a column and of a row in the transducer's plane, mm.
+    steps_mm: [[f64; 2]; 2],
+    /// Lengths of the three axes, mm.
+    lengths_mm: [f64; 3],
+    /// Departure of the image axes from a right angle, rad.
+    skew: f64,
     array_centre_px: [f64; 2],
-) -> Result<Matrix4<f64>, CalibrationError> {
-    if !array_centre_px.iter().all(|x| x.is_finite()) {
-        return Err(CalibrationError::Centre { found: array_centre_px });
-    }
-    let mut axes = [Vector3::zeros(); 2];
-    for (axis, unit) in axes.iter_mut().enumerate() {
-        let column = image_to_probe.fixed_view::<3, 1>(0, axis).into_owned();
-        let found = column.norm();
-        if !(PIXEL_MM[0]..=PIXEL_MM[1]).contains(&found) {
-            return Err(CalibrationError::PixelSize { axis, found });
+}
+
+impl Calibration {
+    /// A calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row) at which the
+    /// centre of the array lies. The transducer's axes are the image's, squared symmetrically: neither is preferred. The third
+    /// column of the matrix is not used, since a planar calibration does not measure it.
+    pub fn new(image_to_probe: &Matrix4<f64>, array_centre_px: [f64; 2]) -> Result<Self, CalibrationError> {
+        if !array_centre_px.iter().all(|x| x.is_finite()) {
+            return Err(CalibrationError::Centre { found: array_centre_px });
         }
-        *unit = column / found;
-    }
-    let skew = axes[0].dot(&axes[1]).asin().abs();
-    if skew > SKEW {
-        return Err(CalibrationError::Skewed { found: skew });
-    }
-    let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
-    let (x, y) = ((sum + difference).normalize(), (sum - difference).normalize());
-    let z = x.cross(&y);
-    let origin = image_to_probe * Vector4::new(array_centre_px[0], array_centre_px[1], 0.0, 1.0);
-    let mut transform = Matrix4::identity();
-    for (column, axis) in [x, y, z, origin.xyz()].iter().enumerate() {
-        transform.fixed_view_mut::<3, 1>(0, column).copy_from(axis);
-    }
-    Ok(matrix::rigid(&transform)?)
-}
-
-/// A transform between two named frames.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NamedTransform {
-    /// Frame that points come from.
-    pub from: String,
-    /// Frame that points go to.
-    pub to: String,
-    /// The transform on column vectors.
-    pub matrix: Matrix4<f64>,
-}
-
-/// What a PLUS device-set configuration says about calibration.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlusCalibration {
-    path: PathBuf,
-    transforms: Vec<NamedTransform>,
-    centre_px: Option<[f64; 2]>,
-}
-
-impl PlusCalibration {
-    /// Reads the `Transform` elements under `CoordinateDefinitions`, and the first `TransducerCenterPixel`, of a PLUS
-    /// configuration file (XML).
-    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let text = read::text(path, read::XML).map_err(|source| CalibrationError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        Self::parse(&text, path)
-    }
-
-    /// As [`PlusCalibration::read`], from text; `path` names it in errors.
-    pub fn parse(text: &str, path: &Path) -> Result<Self, CalibrationError> {
-        let document = roxmltree::Document::parse(text).map_err(|error| CalibrationError::Xml {
-            path: path.to_owned(),
-            line: error.pos().row,
-            column: error.pos().col,
-            found: format!("not well-formed XML: {error}"),
-        })?;
-        let fault = |node: roxmltree::Node, found: String| {
-            let position = document.text_pos_at(node.range().start);
-            CalibrationError::Xml {
-                path: path.to_owned(),
-                line: position.row,
-                column: position.col,
-                found,
+        let column = |axis| image_to_probe.fixed_view::<3, 1>(0, axis).into_owned();
+        let lengths_mm = [0, 1, 2].map(|axis| column(axis).norm());
+        let mut axes = [Vector3::zeros(); 2];
+        for (axis, unit) in axes.iter_mut().enumerate() {
+            let found = lengths_mm[axis];
+            if !(PIXEL_MM[0]..=PIXEL_MM[1]).contains(&found) {
+                return Err(CalibrationError::PixelSize { axis, found });
             }
-        };
-        let attribute = |node: roxmltree::Node, name: &str| {
-            node.attribute(name).map(str::to_owned).ok_or_else(|| {
-                fault(
-                    node,
-                    format!("`Transform` without `{name}`; expected `From`, `To` and `Matrix`"),
-                )
-            })
-        };
-        let mut transforms = Vec::new();
-        let definitions = document
-            .descendants()
-            .filter(|node| node.has_tag_name("CoordinateDefinitions"));
-        for node in definitions
-            .flat_map(|node| node.children())
-            .filter(|node| node.has_tag_name("Transform"))
-        {
-            let matrix = Rows::parse(&attribute(node, "Matrix")?)
-                .map_err(|found| fault(node, format!("`Matrix` holds {found}; expected 16 numbers row by row")))?;
-            transforms.push(NamedTransform {
-                from: attribute(node, "From")?,
-                to: attribute(node, "To")?,
-                matrix: matrix.0,
-            });
+            *unit = column(axis) / found;
         }
-        let centre = document
-            .descendants()
-            .find_map(|node| node.attribute("TransducerCenterPixel").map(|text| (node, text)));
-        let centre_px = match centre {
-            None => None,
-            Some((node, text)) => Some(pair(text).ok_or_else(|| {
-                fault(
-                    node,
-                    format!("`TransducerCenterPixel` is `{text}`; expected a column and a row"),
-                )
-            })?),
-        };
+        let skew = -axes[0].dot(&axes[1]).asin();
+        if skew.abs() > SKEW {
+            return Err(CalibrationError::Skewed { found: skew.abs() });
+        }
+        let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
+        let (x, y) = ((sum + difference).normalize(), (sum - difference).normalize());
+        let z = x.cross(&y);
+        let origin = image_to_probe * Vector4::new(array_centre_px[0], array_centre_px[1], 0.0, 1.0);
+        let mut transform = Matrix4::identity();
+        for (column, axis) in [x, y, z, origin.xyz()].iter().enumerate() {
+            transform.fixed_view_mut::<3, 1>(0, column).copy_from(axis);
+        }
         Ok(Self {
-            path: path.to_owned(),
-            transforms,
-            centre_px,
+            transducer_to_probe: matrix::rigid(&transform)?,
+            steps_mm: [0, 1].map(|axis| [x, y].map(|along| lengths_mm[axis] * axes[axis].dot(&along))),
+            lengths_mm,
+            skew,
+            array_centre_px,
         })
     }
 
-    /// The transforms, in the order of the file.
-    pub fn transforms(&self) -> &[NamedTransform] {
-        &self.transforms
+    /// The transducer in the frame of the marker on the probe, mm; rigid.
+    pub fn transducer_to_probe(&self) -> &Matrix4<f64> {
+        &self.transducer_to_probe
     }
 
-    /// The transform from one named frame to another, as the file defines it or as the inverse of what it defines.
-    pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, CalibrationError> {
-        let defined = |from: &str, to: &str| self.transforms.iter().find(|t| t.from == from && t.to == to);
-        defined(from, to)
-            .map(|transform| transform.matrix)
-            .or_else(|| defined(to, from).and_then(|transform| transform.matrix.try_inverse()))
-            .ok_or_else(|| CalibrationError::NoTransform {
-                path: self.path.clone(),
-                from: from.to_owned(),
-                to: to.to_owned(),
-                has: if self.transforms.is_empty() {
-                    "none at all".to_owned()
-                } else {
-                    let names: Vec<_> = self
-                        .transforms
-                        .iter()
-                        .map(|t| format!("{}To{}", t.from, t.to))
-                        .collect();
-                    names.join(", ")
-                },
-            })
+    /// The pixels of the calibrated image in the transducer's plane, each where the calibration puts it.
+    pub fn grid(&self, [width, height]: [usize; 2]) -> Result<ImageGrid, InvalidGrid> {
+        let origin = self.beyond_centre_mm([0.0, 0.0]);
+        ImageGrid::skewed(width, height, self.steps_mm, origin)
     }
 
-    /// The pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from
-    /// `TransducerCenterPixel`.
-    pub fn array_centre_px(&self) -> Option<[f64; 2]> {
-        match self.transform("TransducerOriginPixel", "Image") {
-            Ok(matrix) => Some([matrix[(0, 3)], matrix[(1, 3)]]),
-            Err(_) => self.centre_px,
-        }
+    fn beyond_centre_mm(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let [column, row] = [0, 1].map(|axis| pixel[axis] - self.array_centre_px[axis]);
+        [0, 1].map(|axis| column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
-}
 
-fn pair(text: &str) -> Option<[f64; 2]> {
-    let numbers: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
-    <[f64; 2]>::try_from(numbers)
-        .ok()
-        .filter(|pair| pair.iter().all(|x| x.is_finite()))
+    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a share.
+    pub fn other_pixels(&self, stated_mm: [f64; 2], share: f64) -> Option<String> {
+        let [columns, rows, _] = self.lengths_mm;
+        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > share;
+        (off(columns, stated_mm[0]) || off(rows, stated_mm[1])).then(|| {
+            let [width, height] = stated_mm;
+            format!("pixels are {columns:.4} x {rows:.4} mm by the calibration, and stated as {width} x {height} mm")
+        })
+    }
+
+    /// A warning where the image axes are so far off a right angle that squaring them up moves a pixel of an image of this
+    /// size by half a pixel or more.
+    pub fn skew_warning(&self, [width, height]: [usize; 2]) -> Option<String> {
+        let corners = [[0, 0], [width, 0], [0, height], [width, height]];
+        let moved_mm = corners.map(|corner| {
+            let pixel = corner.map(|at| at as f64);
+            let squared = [0, 1].map(|axis| self.lengths_mm[axis] * (pixel[axis] - self.array_centre_px[axis]));
+            let [x, y] = self.beyond_centre_mm(pixel);
+            (x - squared[0]).hypot(y - squared[1])
+        });
+        let farthest = moved_mm.into_iter().fold(0.0, f64::max);
+        let [columns, rows, planes] = self.lengths_mm;
+        let pixels = farthest / (columns * rows).sqrt();
+        (pixels >= 0.5).then(|| {
+            format!(
+                "the image axes of the calibration are {:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
+                 {planes:.4} mm long). The transducer's axes are squared up, {:.2} degrees off each of them: that moves pixels \
+                 of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
+                 the recorded grid (`image.grid = \"recorded\"`)",
+                90.0 + self.skew.to_degrees(),
+                self.skew.abs().to_degrees() / 2.0
+            )
+        })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn data(name: &str) -> Option<PathBuf> {
-        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/config")).join(name);
-        if path.exists() {
-            return Some(path);
-        }
-        println!("SKIPPED: {} is not there", path.display());
-        None
+    /// The calibration of `BoneUltrasound_L14` of PlusLibData.
+    fn tilted() -> Matrix4<f64> {
+        Matrix4::from_row_slice(&[
+            0.000_796_231,
+            0.085_427_2,
+            0.000_850_194,
+            12.74,
+            -0.085_399_9,
+            0.000_772_721,
+            0.002_336_53,
+            50.76,
+            0.002_328_63,
+            -0.000_871_617,
+            0.085_399_2,
+            -0.5,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+        ])
     }
 
     #[test]
     fn a_tilted_calibration_gives_a_square_transducer() {
-        let text = r#"<PlusConfiguration>
-          <ScanConversion TransducerCenterPixel="410 0"/>
-          <CoordinateDefinitions>
-            <Transform From="Image" To="Probe" Matrix="0.000796231 0.0854272 0.000850194 12.74
-              -0.0853999 0.000772721 0.00233653 50.76 0.00232863 -0.000871617 0.0853992 -0.5 0 0 0 1"/>
-          </CoordinateDefinitions></PlusConfiguration>"#;
-        let plus = PlusCalibration::parse(text, Path::new("config.xml")).expect("config");
-        let image = plus.transform("Image", "Probe").expect("transform");
-        assert_eq!(plus.array_centre_px(), Some([410.0, 0.0]));
-        let transducer = transducer_to_probe(&image, [410.0, 0.0]).expect("calibration");
+        let image = tilted();
+        let calibration = Calibration::new(&image, [410.0, 0.0]).expect("calibration");
+        let transducer = calibration.transducer_to_probe();
         assert!((transducer[(0, 3)] - (12.74 + 410.0 * 0.000796231)).abs() < 1e-9);
         assert!((transducer[(1, 3)] - (50.76 - 410.0 * 0.0853999)).abs() < 1e-9);
         // A pixel 100 rows down the middle lies 100 pixel sizes along the transducer's y.
         let deep = image * Vector4::new(410.0, 100.0, 0.0, 1.0);
-        let y = matrix::inverse_rigid(&transducer) * deep;
+        let y = matrix::inverse_rigid(transducer) * deep;
         assert!(
             (y.y - 100.0 * 0.0854).abs() < 0.01 && y.x.abs() < 0.02 && y.z.abs() < 0.02,
             "{y}"
         );
-        let back = plus.transform("Probe", "Image").expect("inverse");
-        assert!((back * image - Matrix4::identity()).amax() < 1e-9);
+        assert_eq!(calibration.skew_warning([820, 616]), None);
     }
 
     #[test]
-    fn configurations_of_real_devices_are_read() {
-        let expected = [
-            ("BoneUltrasound_L14_config.xml", 1, Some([410.0, 0.0])),
-            (
-                "PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml",
-                2,
-                None,
-            ),
-            (
-                "PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml",
-                3,
-                Some([410.0, -5.0]),
-            ),
-            ("PlusDeviceSet_SpinePhantomFreehandReconstructionOnly.xml", 2, None),
-            (
-                "PlusDeviceSet_UsSimulatorAlgoTestCurvilinear.xml",
-                3,
-                Some([600.0, 34.0]),
-            ),
-        ];
-        for (name, count, centre) in expected {
-            let Some(path) = data(name) else { return };
-            let plus = PlusCalibration::read(&path).expect(name);
-            assert_eq!(
-                (plus.transforms().len(), plus.array_centre_px()),
-                (count, centre),
-                "{name}"
-            );
-            let image = plus.transform("Image", "Probe").expect(name);
-            transducer_to_probe(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
+    fn pixels_of_a_grid_lie_where_the_calibration_puts_them() {
+        let mut image = tilted();
+        // Three degrees off square, and pixels that are not.
+        for row in 0..3 {
+            image[(row, 1)] = 0.9 * image[(row, 1)] + 0.05 * image[(row, 0)];
         }
-    }
-
-    #[test]
-    fn faults_say_where_they_are() {
-        let parse = |text: &str| PlusCalibration::parse(text, Path::new("c.xml"));
-        let short = "<P>\n <CoordinateDefinitions>\n  <Transform From='A' To='B' Matrix='1 2 3'/>\n </CoordinateDefinitions></P>";
-        let error = parse(short).expect_err("short").to_string();
-        assert!(
-            error.contains("line 3, column 3") && error.contains("3 numbers in place of 16"),
-            "{error}"
-        );
-        assert!(matches!(
-            parse("<P><Q></P>"),
-            Err(CalibrationError::Xml { line: 1, .. })
-        ));
-        let nameless = "<P><CoordinateDefinitions><Transform To='B' Matrix='1'/></CoordinateDefinitions></P>";
-        assert!(parse(nameless).is_err());
-        let empty = parse("<P/>").expect("empty");
-        let error = empty.transform("Image", "Probe").expect_err("none").to_string();
-        assert!(
-            error.contains("no transform from `Image` to `Probe`; it has none"),
-            "{error}"
-        );
-        assert!(parse("<P TransducerCenterPixel='4'/>").is_err());
+        let calibration = Calibration::new(&image, [300.5, 20.0]).expect("calibration");
+        let grid = calibration.grid([820, 616]).expect("grid");
+        let through = calibration.transducer_to_probe() * grid.image_to_probe();
+        for pixel in [[0.0, 0.0], [819.0, 0.0], [12.0, 600.0], [300.5, 20.0]] {
+            let pixel = Vector4::new(pixel[0], pixel[1], 0.0, 1.0);
+            assert!((through * pixel - image * pixel).amax() < 1e-9, "{pixel}");
+        }
+        let warning = calibration.skew_warning([820, 616]).expect("a warning");
+        assert!(warning.contains("86.82 degrees apart"), "{warning}");
     }
 
     #[test]
@@ -359,27 +259,27 @@ mod tests {
         let centre = [0.0, 0.0];
         let flat = Matrix4::zeros();
         assert!(matches!(
-            transducer_to_probe(&flat, centre),
+            Calibration::new(&flat, centre),
             Err(CalibrationError::PixelSize { axis: 0, .. })
         ));
         let nan = Matrix4::from_element(f64::NAN);
         assert!(matches!(
-            transducer_to_probe(&nan, centre),
+            Calibration::new(&nan, centre),
             Err(CalibrationError::PixelSize { .. })
         ));
         let mut skewed = Matrix4::new_scaling(0.1);
         skewed[(0, 1)] = 0.05;
         assert!(matches!(
-            transducer_to_probe(&skewed, centre),
+            Calibration::new(&skewed, centre),
             Err(CalibrationError::Skewed { .. })
         ));
         let fine = Matrix4::new_scaling(0.1);
         assert!(matches!(
-            transducer_to_probe(&fine, [f64::NAN, 0.0]),
+            Calibration::new(&fine, [f64::NAN, 0.0]),
             Err(CalibrationError::Centre { .. })
         ));
         assert!(matches!(
-            transducer_to_probe(&fine, [1e9, 0.0]),
+            Calibration::new(&fine, [1e9, 0.0]),
             Err(CalibrationError::NotRigid(NotRigid::TooFar { .. }))
         ));
     }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::matrix::{self, NotRigid, Rows};
+use super::world::World;
 
 /// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
 /// says nothing.
@@ -176,6 +177,13 @@ impl Pose {
         }
     }
 
+    /// This pose, stated in the axes of `world`, in LPS.
+    pub fn in_lps(&self, world: World) -> Self {
+        Self {
+            probe_to_world: world.transform(self.probe_to_world),
+        }
+    }
+
     /// Probe frame to world, mm.
     pub fn probe_to_world(&self) -> &Matrix4<f64> {
         &self.probe_to_world
@@ -262,6 +270,18 @@ pub struct PoseSpec {
 }
 
 impl PoseSpec {
+    /// This pose, stated in the axes of `world`, in LPS.
+    pub fn in_lps(self, world: World) -> Self {
+        let vector = |stated: Option<[f64; 3]>| stated.map(|stated| world.vector(stated));
+        Self {
+            position_mm: vector(self.position_mm),
+            direction: vector(self.direction),
+            lateral: vector(self.lateral),
+            matrix: self.matrix.map(|rows| Rows(world.transform(rows.0))),
+            ..self
+        }
+    }
+
     /// The pose. `previous` is the pose before it on a path, if any: a direction without `lateral` is then reached by the
     /// shortest turn from it.
     pub fn pose(&self, previous: Option<&Pose>) -> Result<Pose, InvalidPose> {

@@ -103,6 +103,9 @@ pub enum InvalidProbe {
         /// Largest value allowed.
         high: f64,
     },
+    /// No kind.
+    #[error("probe key `kind` is missing; expected linear, curvilinear, phased, trus-transverse or trus-sagittal")]
+    NoKind,
     /// A key that this kind of probe cannot do without.
     #[error("probe key `{key}` is missing; a {kind} probe needs it")]
     Missing {
@@ -125,6 +128,7 @@ impl InvalidProbe {
     /// The key at fault, as written in a probe table.
     pub fn key(&self) -> &'static str {
         match self {
+            Self::NoKind => "kind",
             Self::OutOfRange { key, .. } | Self::Missing { key, .. } | Self::Superfluous { key, .. } => key,
         }
     }

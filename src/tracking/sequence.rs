@@ -58,7 +58,7 @@ pub struct GreyImage {
 pub struct Sequence {
     /// Frames in order; images that no key names are there without transforms.
     pub frames: Vec<SequenceFrame>,
-    /// Columns and rows of the images in orientation MF; none where no images were read.
+    /// Columns and rows of the images in orientation MF; none where the file has none.
     pub image_size: Option<[usize; 2]>,
     /// How the file stores its images; none where it does not say.
     pub orientation: Option<Orientation>,
@@ -108,6 +108,7 @@ impl Sequence {
     /// Puts frames together; `images` is how many were found in the data.
     fn assemble(mut header: Header, images: Option<usize>) -> Result<Self, VolumeError> {
         let [width, height, _] = stored_size(&header)?;
+        let shown = header.element.is_some() && width > 0 && height > 0;
         let keys = keys::parse(&header.key_values);
         let mut warnings = std::mem::take(&mut header.warnings);
         warnings.extend(keys.warnings);
@@ -152,7 +153,7 @@ impl Sequence {
         }
         Ok(Self {
             frames,
-            image_size: images.map(|_| orientation.unwrap_or_default().turned([width, height])),
+            image_size: shown.then(|| orientation.unwrap_or_default().turned([width, height])),
             orientation,
             image_type: keys.image_type,
             missing,

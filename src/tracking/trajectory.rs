@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::matrix::{NotRigid, Rows};
 use super::pose::{InvalidPose, Pose, PoseSpec};
+use super::world::World;
 use crate::read;
 
 /// How positions run between keyframes. Rotations always turn the shortest way at constant speed.
@@ -155,13 +156,18 @@ impl Trajectory {
         })
     }
 
-    /// A trajectory through the keyframes of a scene file. A direction without `lateral` is reached by the shortest turn from
-    /// the keyframe before it.
-    pub fn from_keyframes(keyframes: &[KeyframeSpec], interpolation: Interpolation) -> Result<Self, TrajectoryError> {
+    /// A trajectory through the keyframes of a scene file, stated in the axes of `world`. A direction without `lateral` is
+    /// reached by the shortest turn from the keyframe before it.
+    pub fn from_keyframes(
+        keyframes: &[KeyframeSpec],
+        world: World,
+        interpolation: Interpolation,
+    ) -> Result<Self, TrajectoryError> {
         let mut keys: Vec<(f64, Pose)> = Vec::with_capacity(keyframes.len());
         for (index, keyframe) in keyframes.iter().enumerate() {
             let pose = keyframe
                 .pose()
+                .in_lps(world)
                 .pose(keys.last().map(|(_, pose)| pose))
                 .map_err(|source| TrajectoryError::Pose { index, source })?;
             keys.push((keyframe.time_s, pose));
@@ -401,10 +407,11 @@ mod tests {
             { time_s = 1, position_mm = [5, 0, 0], direction = [1, 1, 0] },
         ]";
         let path: Path = toml::from_str(text).expect("toml");
-        let path = Trajectory::from_keyframes(&path.keyframes, Interpolation::Linear).expect("trajectory");
+        let path = Trajectory::from_keyframes(&path.keyframes, World::Lps, Interpolation::Linear).expect("trajectory");
         assert!((path.at(1.0).lateral().into_inner() - Vector3::z()).norm() < 1e-12);
         let broken: Path = toml::from_str("keyframes = [{ time_s = 0, direction = [0, 1, 0] }]").expect("toml");
-        let error = Trajectory::from_keyframes(&broken.keyframes, Interpolation::Linear).expect_err("incomplete");
+        let error =
+            Trajectory::from_keyframes(&broken.keyframes, World::Lps, Interpolation::Linear).expect_err("incomplete");
         assert!(matches!(error, TrajectoryError::Pose { index: 0, .. }), "{error}");
     }
 

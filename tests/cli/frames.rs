@@ -158,6 +158,31 @@ fn a_sequence_of_ours_moves_a_probe_again() {
     assert_eq!(second.frames.len(), 3);
     for frame in 0..3 {
         assert_eq!(first.image(frame), second.image(frame));
+        assert_eq!(
+            first.frames[frame].transforms.len(),
+            second.frames[frame].transforms.len()
+        );
+    }
+    // What a tracker records is kept, valid or not, and the world is that of the scene.
+    let text = "Seq_Frame0000_A_1ToBTransform = 1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1\nSeq_Frame0000_A_1ToBTransformStatus = INVALID\n";
+    let mut bytes = std::fs::read(bench.path("sweep.mha")).unwrap();
+    let at = bytes
+        .windows(18)
+        .position(|window| window == b"Seq_Frame0000_Imag")
+        .unwrap();
+    bytes.splice(at..at, text.bytes());
+    std::fs::write(bench.path("sweep.mha"), bytes).unwrap();
+    bench.write(
+        "ras.toml",
+        &again.replace("[motion.sequence]", "[motion]\nworld = \"ras\"\n[motion.sequence]"),
+    );
+    bench.run("render ras.toml --backend cpu -o ras.nrrd").text();
+    let kept = Sequence::read(&bench.path("ras.nrrd")).unwrap();
+    let foreign = &kept.frames[0].transforms["A_1ToB"];
+    assert_eq!((foreign.valid, foreign.matrix[(2, 3)]), (false, 7.0));
+    for name in ["TransducerToWorld", "ImageToWorld"] {
+        let [first, kept] = [&first, &kept].map(|sequence| sequence.frames[0].transforms[name].matrix);
+        assert!((first - kept).amax() < 1e-9, "{name}: {first} {kept}");
     }
 }
 

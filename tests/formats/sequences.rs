@@ -81,7 +81,9 @@ fn real_sequences_are_summarised() {
     if let Some(sliding) = info("tracked/SlidingProbeTrackingData.igs.mha") {
         let time = sliding.time.unwrap();
         assert_eq!((sliding.frames, sliding.images, time.frames), (85, None, 85));
-        assert!((time.median_interval_s.unwrap() - 0.5).abs() < 0.02, "{time:?}");
+        let intervals =
+            [time.median_interval_s, time.longest_interval_s].map(|interval| (interval.unwrap() * 1e3).round());
+        assert_eq!((intervals, time.gaps, time.not_after), ([117.0, 521.0], 33, 0));
     }
     for labels in [
         "volumes/plus_SpinePhantomFreehandReconstructed.mha",

@@ -211,7 +211,7 @@ fn tables_that_do_not_go_together_are_explained() {
     check(
         &small("[probe]\nkind = \"linear\"\nwidth_mm = 50"),
         "[probe]",
-        &["missing field `depth_mm`"],
+        &["`depth_mm` is missing"],
     );
 }
 

@@ -128,6 +128,14 @@ fn a_recording_gives_a_frame_for_each_valid_pose() {
     let error = fault(&sequence("transform = \"NeedleToTracker\""));
     assert_eq!(error.key(), Some("motion.sequence.transform"));
     assert!(error.to_string().contains("ProbeToTracker"), "{error}");
+    assert_eq!(
+        help(&sequence("transform = \"probetoTracker\"")),
+        "did you mean \"ProbeToTracker\"?"
+    );
+    assert_eq!(
+        help(&sequence("transform = \"ProbToReference\"")),
+        "did you mean \"ProbeToReference\"?"
+    );
     let error = fault(&sequence("image_to_probe = \"1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\""));
     assert!(error.to_string().contains("array_centre_px"), "{error}");
     let error = fault(&sequence("tracker_to_world = \"2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1\""));
@@ -156,4 +164,256 @@ fn invalid_frames_of_a_recording_are_counted() {
         "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToTracker\""
     )));
     assert!(error.to_string().contains("none of"), "{error}");
+    let error = fault(&small(&format!(
+        "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToReference\""
+    )));
+    assert!(
+        error.to_string().contains("StylusToTracker (invalid in all 97 frames)"),
+        "{error}"
+    );
+}
+
+/// The help of the error of a scene that must have one.
+fn help(text: &str) -> String {
+    let error = fault(text);
+    miette::Diagnostic::help(&error).map_or_else(String::new, |help| help.to_string())
+}
+
+/// Two frames of an array that looks to the back of a body: at x = -20 and -60 mm, y = -70 mm.
+const TRACKED: &str = "ObjectType = Image\nNDims = 3\nDimSize = 40 30 2\nElementSpacing = 1 1 1\nElementType = MET_UCHAR\n\
+    UltrasoundImageOrientation = MF\nUltrasoundImageType = BRIGHTNESS\n\
+    Seq_Frame0000_ProbeToTrackerTransform = 1 0 0 -20 0 1 0 -70 0 0 1 0 0 0 0 1\nSeq_Frame0000_ProbeToTrackerTransformStatus = OK\n\
+    Seq_Frame0000_StylusToTrackerTransform = 1 0 0 7 0 1 0 8 0 0 1 9 0 0 0 1\nSeq_Frame0000_StylusToTrackerTransformStatus = INVALID\n\
+    Seq_Frame0000_Timestamp = 1.5\n\
+    Seq_Frame0001_ProbeToTrackerTransform = 1 0 0 -60 0 1 0 -70 0 0 1 0 0 0 0 1\nSeq_Frame0001_ProbeToTrackerTransformStatus = OK\n\
+    Seq_Frame0001_Timestamp = 1.75\nElementDataFile = LOCAL\n";
+
+const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' TransducerGeometry='LINEAR' TransducerWidthMm='30' \
+    ImagingDepthMm='25' TransducerCenterPixel='20 2' NumberOfScanLines='50'/><CoordinateDefinitions>\
+    <Transform From='Image' To='Probe' Matrix='1 0.05 0 0 0 1 0 0 0 0 1 0 0 0 0 1'/></CoordinateDefinitions></PlusConfiguration>";
+
+/// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
+fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify::scene::Scene, insonify::scene::SceneError> {
+    let folder = tempfile::tempdir().expect("folder");
+    std::fs::write(folder.path().join("a.mha"), [TRACKED.as_bytes(), &[0; 2400]].concat()).expect("file");
+    std::fs::write(folder.path().join("plus.xml"), CONFIG).expect("file");
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 20 20 20\nElementSpacing = 5 5 5\nOffset = 0 0 -50\nElementType = \
+                  MET_UCHAR\nElementDataFile = LOCAL\n";
+    std::fs::write(folder.path().join("cube.mha"), [header.as_bytes(), &[1; 8000]].concat()).expect("file");
+    let text = small(&format!(
+        "[motion]\n{motion}\n[motion.sequence]\nfile = \"a.mha\"\n{sequence}\n{more}"
+    ));
+    let text = match more.contains("width_mm = 30") {
+        true => text.replace(
+            "phantom = \"abdomen\"\nresolution_mm = 5",
+            "file = \"cube.mha\"\nunlabelled = \"air\"",
+        ),
+        false => text,
+    };
+    crate::support::parse(&text).and_then(|file| file.resolve(folder.path()))
+}
+
+fn says(all: &[String], parts: &[&str]) -> bool {
+    all.iter().any(|one| parts.iter().all(|part| one.contains(part)))
+}
+
+#[test]
+fn poses_in_ras_are_turned_and_offered() {
+    let lps = recorded("", "", "").expect("scene");
+    let ras = recorded("world = \"ras\"", "", "").expect("scene");
+    let place = |scene: &insonify::scene::Scene| scene.probe_pose(0, 2).position_mm();
+    assert_eq!(place(&lps), Point3::new(-20.0, -70.0, 0.0));
+    assert_eq!(place(&ras), Point3::new(20.0, 70.0, 0.0));
+    assert!(
+        says(&lps.notes, &["taken as LPS", "`world = \"ras\"` under [motion]"]),
+        "{:?}",
+        lps.notes
+    );
+    assert!(!says(&ras.notes, &["taken as LPS"]), "{:?}", ras.notes);
+    // A cube in one corner of the axes.
+    let linear = "[probe]\nkind = \"linear\"\nwidth_mm = 30\ndepth_mm = 25";
+    let black = recorded("", "", linear).expect("scene");
+    let hint = [
+        "in 2 of 2 poses",
+        "Read as RAS it sees the volume in 2",
+        "add `world = \"ras\"` under [motion]",
+    ];
+    assert!(says(&black.warnings, &hint), "{:?}", black.warnings);
+    let seen = recorded("world = \"ras\"", "", linear).expect("scene");
+    assert!(!says(&seen.warnings, &["sees nothing"]), "{:?}", seen.warnings);
+    let away = "tracker_to_world = \"1 0 0 0 0 1 0 9000 0 0 1 0 0 0 0 1\"";
+    let nowhere = recorded("", away, linear).expect("scene");
+    assert!(says(&nowhere.warnings, &["sees nothing"]) && !says(&nowhere.warnings, &["RAS"]));
+}
+
+#[test]
+fn poses_and_needles_take_either_world() {
+    let pair = |lps: &str, ras: &str| {
+        let [lps, ras] = [lps, ras].map(|text| resolve(&small(text)).unwrap_or_else(|error| panic!("{error}")));
+        assert_eq!(lps.probe_pose(1, 3), ras.probe_pose(1, 3));
+        let nodes = |scene: &insonify::scene::Scene| scene.needle_pose(1, 3).map(|needle| needle.nodes_mm().to_vec());
+        let turned = nodes(&ras)
+            .unwrap_or_default()
+            .into_iter()
+            .zip(nodes(&lps).unwrap_or_default());
+        assert_eq!(
+            nodes(&lps).map(|nodes| nodes.len()),
+            nodes(&ras).map(|nodes| nodes.len())
+        );
+        for (a, b) in turned {
+            assert!((a - b).norm() < 1e-9, "{a} {b}");
+        }
+    };
+    pair(
+        "[pose]\nposition_mm = [10, -80, 5]\ndirection = [0.1, 1, 0]",
+        "[pose]\nworld = \"ras\"\nposition_mm = [-10, 80, 5]\ndirection = [-0.1, -1, 0]",
+    );
+    pair(
+        "[[motion.keyframes]]\ntime_s = 0\nposition_mm = [10, -80, 5]\ndirection = [0.1, 1, 0]\n[needle]\ntip_mm = [1, 2, 3]\nentry_mm = [4, 5, 6]",
+        "[motion]\nworld = \"ras\"\n[[motion.keyframes]]\ntime_s = 0\nposition_mm = [-10, 80, 5]\ndirection = [-0.1, -1, 0]\n[needle]\nworld = \"ras\"\ntip_mm = [-1, -2, 3]\nentry_mm = [-4, -5, 6]",
+    );
+    let needle = |world: &str, sign: f64| {
+        format!(
+            "[needle]\n{world}[[needle.motion.keyframes]]\ntime_s = 0\ntip_mm = [{}, {}, 0]\ndirection = [0, {sign}, 0]\n[needle.bending]\nentry_mm = [{}, {}, 0]\nentry_direction = [0, {sign}, 0]\n",
+            5.0 * sign,
+            -20.0 * sign,
+            3.0 * sign,
+            -70.0 * sign
+        )
+    };
+    pair(&needle("", 1.0), &needle("world = \"ras\"\n", -1.0));
+    for (text, key) in [
+        ("[pose]\nworld = \"ras\"", "pose.world"),
+        ("[motion]\nworld = \"ras\"", "motion.world"),
+    ] {
+        assert_eq!(fault(&small(text)).key(), Some(key));
+    }
+}
+
+#[test]
+fn a_configuration_fills_in_the_probe() {
+    let plus = "plus_config = \"plus.xml\"";
+    let probe = |scene: &insonify::scene::Scene| toml::to_string(&scene.settings.probe).expect("toml");
+    let scene = recorded("", plus, "").expect("scene");
+    let told = [
+        "kind = linear, width_mm = 30, depth_mm = 25, lines = 50",
+        "`plus_config` (L12)",
+    ];
+    assert!(says(&scene.notes, &told), "{:?}", scene.notes);
+    for key in [
+        "kind = \"linear\"",
+        "width_mm = 30",
+        "depth_mm = 25",
+        "lines = 50",
+        "samples = 512",
+    ] {
+        assert!(probe(&scene).contains(key), "{}", probe(&scene));
+    }
+    assert_eq!(scene.open_grid, [false, true]);
+    let stated = recorded("", plus, "[probe]\ndepth_mm = 20\nfrequency_mhz = 7").expect("scene");
+    assert!(probe(&stated).contains("depth_mm = 20") && probe(&stated).contains("width_mm = 30"));
+    let other = "[probe]\nkind = \"phased\"\nangle_deg = 80\ndepth_mm = 50";
+    let other = recorded("", plus, other).expect("scene");
+    assert!(
+        says(&other.warnings, &["stated as phased", "says linear (L12)"]),
+        "{:?}",
+        other.warnings
+    );
+    let bare = recorded("", "", "").expect("scene");
+    assert!(
+        says(&bare.warnings, &["no `[probe]`", "default probe"]),
+        "{:?}",
+        bare.warnings
+    );
+    assert!(
+        says(&scene.warnings, &["87.14 degrees apart", "image.grid"]),
+        "{:?}",
+        scene.warnings
+    );
+}
+
+#[test]
+fn frames_lie_on_the_recorded_grid() {
+    let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
+    assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
+    let frame = crate::support::render(&scene, &mut crate::support::synthesizer(&scene), 1, 2);
+    assert_eq!((frame.width, frame.height), (40, 30));
+    for [column, row] in [[0.0, 0.0], [39.0, 0.0], [20.0, 2.0], [7.0, 29.0]] {
+        let found = frame.image_to_world.transform_point(&Point3::new(column, row, 0.0));
+        let expected = Point3::new(column + 0.05 * row - 60.0, row - 70.0, 0.0);
+        assert!((found - expected).norm() < 1e-9, "{found} {expected}");
+    }
+    let frames = [0, 1].map(|frame| scene.recorded(frame, 2).expect("recorded"));
+    assert!(!frames[0].transforms["StylusToTracker"].valid && frames[1].transforms.len() == 1);
+    assert_eq!(scene.recorded(0, 5), None);
+    let error = |sequence: &str, more: &str| recorded("", sequence, more).expect_err(more).to_string();
+    let bare = error("", "[image]\ngrid = \"recorded\"");
+    assert!(bare.contains("no calibrated images"), "{bare}");
+    let sized = error("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"\nwidth = 30");
+    assert!(sized.contains("has its own size"), "{sized}");
+}
+
+#[test]
+fn a_missing_array_centre_is_guessed_aloud() {
+    let Some(config) = data("config/PlusDeviceSet_SpinePhantomFreehandReconstructionOnly.xml") else {
+        return;
+    };
+    let Some(file) = data("tracked/BoneUltrasound_L14.igs.mha") else {
+        return;
+    };
+    let text = small(&format!("[motion.sequence]\nfile = {file:?}\nplus_config = {config:?}"));
+    assert!(fault(&text).to_string().contains("no `TransducerCenterPixel`"));
+    assert!(
+        help(&text).contains("`array_centre_px = [410, 0]`: a guess"),
+        "{}",
+        help(&text)
+    );
+}
+
+#[test]
+fn the_scene_of_the_documentation_runs_on_a_recording() {
+    let page = include_str!("../../docs/tracked-data.md");
+    let text = page
+        .split("```toml\n")
+        .nth(1)
+        .and_then(|rest| rest.split("```").next())
+        .expect("a scene");
+    let (Some(file), Some(config)) = (
+        data("tracked/BoneUltrasound_L14.igs.mha"),
+        data("config/BoneUltrasound_L14_config.xml"),
+    ) else {
+        return;
+    };
+    let folder = tempfile::tempdir().expect("folder");
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 100 100 100\nElementSpacing = 10 10 10\nOffset = -500 -500 -500\n\
+                  ElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+    let cube = folder.path().join("cube.mha");
+    std::fs::write(&cube, [header.as_bytes(), &vec![5; 1_000_000]].concat()).expect("file");
+    let mut text = text.to_owned();
+    for (name, path) in [
+        ("phantom.seg.nrrd", cube),
+        ("recording.igs.mha", file),
+        ("config.xml", config),
+    ] {
+        assert!(text.contains(name), "{name}");
+        text = text.replace(name, &path.display().to_string());
+    }
+    let scene = resolve(&text).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(
+        (scene.frames(), scene.settings.image.width, scene.settings.image.height),
+        (21, 820, 616)
+    );
+    let names: Vec<_> = scene
+        .recorded(20, 21)
+        .expect("recorded")
+        .transforms
+        .keys()
+        .cloned()
+        .collect();
+    assert_eq!(names, ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]);
+    assert!(
+        !says(&scene.warnings, &["sees nothing"]) && !says(&scene.warnings, &["apart"]),
+        "{:?}",
+        scene.warnings
+    );
 }

@@ -63,6 +63,7 @@ pub fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Set
             height,
             margin: 0.03,
             fill: 7,
+            placed: None,
         },
         effects,
         has_needle: false,

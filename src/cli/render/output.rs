@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use insonify::output::atomic::{self, WriteError};
 use insonify::output::png;
-use insonify::output::sequence::{FrameInfo, SequenceWriter};
+use insonify::output::sequence::{FrameInfo, SequenceWriter, transforms};
 use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
 use insonify::scene::Scene;
 use insonify::synth::layers::Layer;
@@ -85,10 +85,9 @@ impl<'a> Output<'a> {
     /// Writes a frame and what goes with it; returns the file that it went to.
     pub fn write(&mut self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<PathBuf, Failure> {
         let frame = synth.frame();
-        let transforms = [
-            ("ImageToWorld", frame.image_to_world, true),
-            ("ProbeToWorld", shot.state.probe_to_world, true),
-        ];
+        let world = self.scene.motion_world();
+        let places = [frame.image_to_world, shot.state.probe_to_world].map(|place| world.transform(place));
+        let transforms = transforms(places, self.scene.recorded(shot.number, self.frames));
         let info = FrameInfo {
             timestamp: shot.time_s,
             transforms: &transforms,

@@ -69,6 +69,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
                 height: 8,
                 margin: 0.0,
                 fill: 0,
+                placed: None,
             },
             effects: Effects::usual(),
             has_needle: false,

@@ -13,13 +13,15 @@ pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
 /// Largest width and height of a frame, pixels.
 const MAX_SIDE: usize = 16384;
 
-/// Where the pixels of a frame lie in the probe's plane: square pixels, columns towards the marked side (x), rows away from
-/// the transducer (y), which is PLUS's orientation MF. Whole coordinates are pixel centres.
+/// Where the pixels of a frame lie in the probe's plane: columns towards the marked side (x), rows away from the transducer
+/// (y), which is PLUS's orientation MF. Whole coordinates are pixel centres. Pixels are square, unless they are those of a
+/// calibrated recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageGrid {
     width: usize,
     height: usize,
-    pixel_mm: f64,
+    /// Steps from a column, and from a row, to the next.
+    steps_mm: [[f64; 2]; 2],
     origin_mm: [f64; 2],
 }
 
@@ -38,10 +40,10 @@ pub enum InvalidGrid {
     #[error("margin {0}; expected 0 to 0.45 of the image on each side")]
     Margin(f64),
     /// The pixels have no size, or their place is not finite.
-    #[error("pixel size {pixel_mm} mm at origin {origin_mm:?} mm; expected a positive size and finite numbers")]
+    #[error("pixels in steps of {steps_mm:?} mm at origin {origin_mm:?} mm; expected finite numbers that span a plane")]
     Place {
-        /// Side of a pixel, mm.
-        pixel_mm: f64,
+        /// Steps of a column and of a row, mm.
+        steps_mm: [[f64; 2]; 2],
         /// Centre of pixel (0, 0), mm.
         origin_mm: [f64; 2],
     },
@@ -51,18 +53,30 @@ impl ImageGrid {
     /// A grid of `width` by `height` pixels of side `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the probe's
     /// plane.
     pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, InvalidGrid> {
+        Self::skewed(width, height, [[pixel_mm, 0.0], [0.0, pixel_mm]], origin_mm)
+    }
+
+    /// As [`ImageGrid::new`], with the steps (x, y) from one column and from one row to the next, mm.
+    pub fn skewed(
+        width: usize,
+        height: usize,
+        steps_mm: [[f64; 2]; 2],
+        origin_mm: [f64; 2],
+    ) -> Result<Self, InvalidGrid> {
         if !((1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height)) {
             return Err(InvalidGrid::Size { width, height });
         }
-        if !(pixel_mm.is_finite() && pixel_mm > 0.0 && origin_mm.iter().all(|x| x.is_finite())) {
-            return Err(InvalidGrid::Place { pixel_mm, origin_mm });
-        }
-        Ok(Self {
+        let grid = Self {
             width,
             height,
-            pixel_mm,
+            steps_mm,
             origin_mm,
-        })
+        };
+        let area = grid.area_mm2();
+        if !(area.is_finite() && area > 0.0 && origin_mm.iter().all(|x| x.is_finite())) {
+            return Err(InvalidGrid::Place { steps_mm, origin_mm });
+        }
+        Ok(grid)
     }
 
     /// The largest view of a whole sector: centred across, its near edge at the top as scanners show it, with a `margin`
@@ -89,9 +103,14 @@ impl ImageGrid {
         self.height
     }
 
-    /// Side of a pixel, mm.
+    /// Side of a pixel, mm; of a square of the same area where pixels are not square.
     pub fn pixel_mm(&self) -> f64 {
-        self.pixel_mm
+        self.area_mm2().sqrt()
+    }
+
+    fn area_mm2(&self) -> f64 {
+        let [column, row] = self.steps_mm;
+        column[0] * row[1] - column[1] * row[0]
     }
 
     /// Centre of pixel (0, 0) in the probe's plane, mm.
@@ -101,27 +120,25 @@ impl ImageGrid {
 
     /// A point of the probe's plane (mm) from a column and row.
     pub fn to_plane(&self, column: f64, row: f64) -> [f64; 2] {
-        [
-            self.origin_mm[0] + column * self.pixel_mm,
-            self.origin_mm[1] + row * self.pixel_mm,
-        ]
+        [0, 1].map(|axis| self.origin_mm[axis] + column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
 
     /// The column and row of a point of the probe's plane (mm). Defined beyond the image too.
     pub fn to_pixel(&self, x: f64, y: f64) -> [f64; 2] {
-        [
-            (x - self.origin_mm[0]) / self.pixel_mm,
-            (y - self.origin_mm[1]) / self.pixel_mm,
-        ]
+        let [x, y] = [x - self.origin_mm[0], y - self.origin_mm[1]];
+        let [column, row] = self.steps_mm;
+        [x * row[1] - y * row[0], y * column[0] - x * column[1]].map(|share| share / self.area_mm2())
     }
 
-    /// Image frame (pixels) to probe frame (mm), as PLUS writes `ImageToProbe`: spacing included, the third axis scaled like
-    /// the others so that the matrix has an inverse.
+    /// Image frame (pixels) to probe frame (mm), PLUS's `ImageToTransducer`: spacing included, the third axis scaled like the
+    /// others so that the matrix has an inverse.
     pub fn image_to_probe(&self) -> Matrix4<f64> {
-        let mut matrix = Matrix4::from_diagonal_element(self.pixel_mm);
-        matrix[(3, 3)] = 1.0;
-        matrix[(0, 3)] = self.origin_mm[0];
-        matrix[(1, 3)] = self.origin_mm[1];
+        let mut matrix = Matrix4::identity();
+        for (column, of) in [(0, self.steps_mm[0]), (1, self.steps_mm[1]), (3, self.origin_mm)] {
+            matrix[(0, column)] = of[0];
+            matrix[(1, column)] = of[1];
+        }
+        matrix[(2, 2)] = self.pixel_mm();
         matrix
     }
 }
@@ -224,6 +241,20 @@ mod tests {
             assert_eq!(map.len(), 2 * 8192);
             assert!(map.iter().flatten().all(|x| x.is_finite()));
         }
+    }
+
+    #[test]
+    fn skewed_pixels_lie_at_their_steps() {
+        let grid = ImageGrid::skewed(8, 6, [[0.2, 0.01], [-0.02, 0.3]], [-1.0, 2.0]).expect("grid");
+        assert!((grid.pixel_mm().powi(2) - (0.2 * 0.3 + 0.01 * 0.02)).abs() < 1e-12);
+        let [x, y] = grid.to_plane(3.0, 5.0);
+        assert!((x - (-1.0 + 0.6 - 0.1)).abs() < 1e-12 && (y - (2.0 + 0.03 + 1.5)).abs() < 1e-12);
+        let [column, row] = grid.to_pixel(x, y);
+        assert!((column - 3.0).abs() < 1e-9 && (row - 5.0).abs() < 1e-9);
+        let point = grid.image_to_probe() * nalgebra::Vector4::new(3.0, 5.0, 0.0, 1.0);
+        assert!((point.x - x).abs() < 1e-12 && (point.y - y).abs() < 1e-12);
+        let flat = ImageGrid::skewed(8, 6, [[0.2, 0.1], [0.4, 0.2]], [0.0; 2]);
+        assert!(matches!(flat, Err(InvalidGrid::Place { .. })));
     }
 
     #[test]

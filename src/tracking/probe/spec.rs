@@ -53,11 +53,12 @@ impl fmt::Display for ProbeKind {
 }
 
 /// A probe as written in a file; `Probe::try_from` validates it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProbeSpec {
-    /// The shape of the field of view.
-    pub kind: ProbeKind,
+    /// The shape of the field of view. Required, unless the configuration of a tracked sequence states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<ProbeKind>,
     /// Linear only: length of the array, mm (1 to 300).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub width_mm: Option<f64>,
@@ -70,8 +71,9 @@ pub struct ProbeSpec {
     /// Trus-sagittal only: length of the array, mm (1 to 300).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-    /// Length of every scanline, mm (0.1 to 1000).
-    pub depth_mm: f64,
+    /// Length of every scanline, mm (0.1 to 1000). Required, unless the configuration of a tracked sequence states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_mm: Option<f64>,
     /// Centre frequency, MHz (0.1 to 100). Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_mhz: Option<f64>,
@@ -84,8 +86,25 @@ pub struct ProbeSpec {
 }
 
 impl ProbeSpec {
-    fn shape(&self) -> Result<ProbeShape, InvalidProbe> {
-        let kind = self.kind;
+    /// This table with the keys that it leaves open taken from another, and those keys with their values.
+    pub fn filled_from(mut self, other: &Self) -> (Self, Vec<String>) {
+        fn fill<T: Copy + fmt::Display>(key: &str, open: &mut Option<T>, from: Option<T>, taken: &mut Vec<String>) {
+            if let (None, Some(value)) = (&open, from) {
+                taken.push(format!("{key} = {value}"));
+                *open = from;
+            }
+        }
+        let mut taken = Vec::new();
+        fill("kind", &mut self.kind, other.kind, &mut taken);
+        fill("width_mm", &mut self.width_mm, other.width_mm, &mut taken);
+        fill("radius_mm", &mut self.radius_mm, other.radius_mm, &mut taken);
+        fill("angle_deg", &mut self.angle_deg, other.angle_deg, &mut taken);
+        fill("depth_mm", &mut self.depth_mm, other.depth_mm, &mut taken);
+        fill("lines", &mut self.lines, other.lines, &mut taken);
+        (self, taken)
+    }
+
+    fn shape(&self, kind: ProbeKind) -> Result<ProbeShape, InvalidProbe> {
         let needed = |key, value: Option<f64>| value.ok_or(InvalidProbe::Missing { key, kind });
         let shape = match kind {
             ProbeKind::Linear => ProbeShape::Linear {
@@ -121,15 +140,8 @@ impl ProbeSpec {
 
     fn of_shape(shape: &ProbeShape) -> Self {
         let mut spec = Self {
-            kind: shape.kind(),
-            width_mm: None,
-            radius_mm: None,
-            angle_deg: None,
-            length_mm: None,
-            depth_mm: 0.0,
-            frequency_mhz: None,
-            lines: None,
-            samples: None,
+            kind: Some(shape.kind()),
+            ..Self::default()
         };
         match *shape {
             ProbeShape::Linear { width_mm } => spec.width_mm = Some(width_mm),
@@ -148,10 +160,12 @@ impl TryFrom<ProbeSpec> for Probe {
     type Error = InvalidProbe;
 
     fn try_from(spec: ProbeSpec) -> Result<Self, InvalidProbe> {
+        let kind = spec.kind.ok_or(InvalidProbe::NoKind)?;
+        let key = "depth_mm";
         let probe = Self {
-            shape: spec.shape()?,
-            depth_mm: spec.depth_mm,
-            frequency_mhz: spec.frequency_mhz.unwrap_or(spec.kind.usual_frequency_mhz()),
+            shape: spec.shape(kind)?,
+            depth_mm: spec.depth_mm.ok_or(InvalidProbe::Missing { key, kind })?,
+            frequency_mhz: spec.frequency_mhz.unwrap_or(kind.usual_frequency_mhz()),
             lines: spec.lines.unwrap_or(DEFAULT_LINES),
             samples: spec.samples.unwrap_or(DEFAULT_SAMPLES),
         };
@@ -163,7 +177,7 @@ impl TryFrom<ProbeSpec> for Probe {
 impl From<Probe> for ProbeSpec {
     fn from(probe: Probe) -> Self {
         Self {
-            depth_mm: probe.depth_mm,
+            depth_mm: Some(probe.depth_mm),
             frequency_mhz: Some(probe.frequency_mhz),
             lines: Some(probe.lines),
             samples: Some(probe.samples),
@@ -214,6 +228,8 @@ mod tests {
                 "`angle_deg` is 0; expected 1 to 120",
             ),
             ("kind = \"sector\"\nangle_deg = 9\ndepth_mm = 160", "sector"),
+            ("angle_deg = 9\ndepth_mm = 160", "`kind` is missing"),
+            ("kind = \"phased\"\nangle_deg = 9", "`depth_mm` is missing"),
         ];
         for (text, message) in cases {
             let error = toml::from_str::<Probe>(text).expect_err(text).to_string();

@@ -163,7 +163,10 @@ impl TimeInfo {
 impl fmt::Display for SequenceInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "file         {}", self.file)?;
-        writeln!(f, "size         {:.2} MB", self.bytes as f64 / 1e6)?;
+        match self.bytes as f64 / 1e3 {
+            kilobytes if kilobytes < 1e3 => writeln!(f, "size         {kilobytes:.1} kB")?,
+            kilobytes => writeln!(f, "size         {:.1} MB", kilobytes / 1e3)?,
+        }
         writeln!(f, "frames       {}", self.frames)?;
         match &self.images {
             None => writeln!(f, "images       none: poses alone")?,

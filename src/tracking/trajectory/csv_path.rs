@@ -3,11 +3,12 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Matrix4, Point3, Vector3};
+use nalgebra::{Matrix4, Vector3};
 
 use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
 use crate::read;
 use crate::tracking::pose::{InvalidPose, Pose};
+use crate::tracking::world::World;
 
 const POSITION: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
@@ -104,20 +105,22 @@ struct Columns {
 impl Trajectory {
     /// Reads a path from a CSV file with a header row. Columns, in any order: `time_s`, then either `x_mm`, `y_mm`, `z_mm`
     /// with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`, `ly`, `lz`),
-    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are LPS mm. Without a hint each row turns the shortest way
+    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes
+    /// of `world`. Without a hint each row turns the shortest way
     /// from the one before. Lines that start with `#` are comments.
-    pub fn from_csv(path: &Path, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
+    pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
         let bytes = read::whole(path, read::CSV).map_err(|source| CsvError::Read {
             path: path.to_owned(),
             source,
         })?;
-        Self::from_csv_reader(&bytes[..], path, interpolation)
+        Self::from_csv_reader(&bytes[..], path, world, interpolation)
     }
 
     /// As [`Trajectory::from_csv`], from any source; `path` names it in errors.
     pub fn from_csv_reader(
         source: impl Read,
         path: &Path,
+        world: World,
         interpolation: Interpolation,
     ) -> Result<Self, TrajectoryError> {
         let mut reader = csv::ReaderBuilder::new()
@@ -130,7 +133,7 @@ impl Trajectory {
             let record = record.map_err(|error| table_error(path, error))?;
             let line = record.position().map_or(0, csv::Position::line);
             let previous = keys.last();
-            let (time_s, pose) = columns.read(&record, line, path, previous.map(|key| &key.pose))?;
+            let (time_s, pose) = columns.read(&record, line, path, world, previous.map(|key| &key.pose))?;
             if check_time(row, time_s, previous.map(|key| key.time_s)).is_err() {
                 return Err(CsvError::Order {
                     path: path.to_owned(),
@@ -216,6 +219,7 @@ impl Columns {
         record: &csv::StringRecord,
         line: u64,
         path: &Path,
+        world: World,
         previous: Option<&Pose>,
     ) -> Result<(f64, Pose), CsvError> {
         let number = |column: &'static str| {
@@ -231,29 +235,31 @@ impl Columns {
                 }),
             }
         };
-        let three = |names: [&'static str; 3]| -> Result<Vector3<f64>, CsvError> {
-            Ok(Vector3::new(number(names[0])?, number(names[1])?, number(names[2])?))
+        let three = |names: [&'static str; 3]| -> Result<[f64; 3], CsvError> {
+            Ok([number(names[0])?, number(names[1])?, number(names[2])?])
         };
+        let vector = |names| three(names).map(|stated| Vector3::from(world.vector(stated)));
         let time_s = number("time_s")?;
-        let position = || Ok(Point3::from(three(["x_mm", "y_mm", "z_mm"])?));
+        let place = ["x_mm", "y_mm", "z_mm"];
         let pose = match self.orientation {
             Orientation::Quaternion => {
                 let [qw, qx, qy, qz] = QUATERNION;
-                Pose::from_quaternion(position()?, [number(qw)?, number(qx)?, number(qy)?, number(qz)?])
+                let quaternion = [number(qw)?, number(qx)?, number(qy)?, number(qz)?];
+                Pose::from_quaternion(three(place)?.into(), quaternion).map(|pose| pose.in_lps(world))
             }
             Orientation::DirectionAndLateral => {
-                Pose::from_direction(position()?, three(DIRECTION)?, Some(three(LATERAL)?))
+                Pose::from_direction(vector(place)?.into(), vector(DIRECTION)?, Some(vector(LATERAL)?))
             }
             Orientation::Direction => match previous {
-                Some(previous) => previous.turned_to(position()?, three(DIRECTION)?),
-                None => Pose::from_direction(position()?, three(DIRECTION)?, None),
+                Some(previous) => previous.turned_to(vector(place)?.into(), vector(DIRECTION)?),
+                None => Pose::from_direction(vector(place)?.into(), vector(DIRECTION)?, None),
             },
             Orientation::Matrix => {
                 let mut matrix = Matrix4::zeros();
                 for (entry, name) in MATRIX.into_iter().enumerate() {
                     matrix[(entry / 4, entry % 4)] = number(name)?;
                 }
-                Pose::from_matrix(&matrix)
+                Pose::from_matrix(&world.transform(matrix))
             }
         };
         pose.map(|pose| (time_s, pose)).map_err(|source| CsvError::Pose {
@@ -282,12 +288,18 @@ fn table_error(path: &Path, error: csv::Error) -> CsvError {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
     use proptest::prelude::*;
 
     use super::*;
 
     fn parse(text: &str) -> Result<Trajectory, TrajectoryError> {
-        Trajectory::from_csv_reader(text.as_bytes(), Path::new("path.csv"), Interpolation::Linear)
+        Trajectory::from_csv_reader(
+            text.as_bytes(),
+            Path::new("path.csv"),
+            World::Lps,
+            Interpolation::Linear,
+        )
     }
 
     #[test]
@@ -302,6 +314,12 @@ mod tests {
             assert_eq!(path.keys().len(), 1);
             assert_eq!(path.start_s(), 0.5);
             let difference = path.keys()[0].pose.probe_to_world() - poses[2].keys()[0].pose.probe_to_world();
+            assert!(difference.amax() < 1e-12, "{difference}");
+        }
+        for text in texts {
+            let path = Trajectory::from_csv_reader(text.as_bytes(), Path::new("x"), World::Ras, Interpolation::Linear);
+            let turned = poses[2].keys()[0].pose.in_lps(World::Ras);
+            let difference = path.expect(text).keys()[0].pose.probe_to_world() - turned.probe_to_world();
             assert!(difference.amax() < 1e-12, "{difference}");
         }
     }
@@ -346,7 +364,8 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_named() {
-        let error = Trajectory::from_csv(Path::new("/nowhere/sweep.csv"), Interpolation::Linear).expect_err("missing");
+        let error = Trajectory::from_csv(Path::new("/nowhere/sweep.csv"), World::Lps, Interpolation::Linear)
+            .expect_err("missing");
         assert!(matches!(error, TrajectoryError::Csv(CsvError::Read { .. })));
         assert!(error.to_string().contains("/nowhere/sweep.csv"));
     }
@@ -361,7 +380,7 @@ mod tests {
         fn any_bytes_after_a_header_give_a_path_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
             let mut text = b"time_s,x_mm,y_mm,z_mm,dx,dy,dz\n0,0,0,0,0,1,0\n".to_vec();
             text.extend(bytes);
-            let _ = Trajectory::from_csv_reader(text.as_slice(), Path::new("x"), Interpolation::Linear);
+            let _ = Trajectory::from_csv_reader(text.as_slice(), Path::new("x"), World::Lps, Interpolation::Linear);
         }
 
         #[test]

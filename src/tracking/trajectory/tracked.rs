@@ -54,7 +54,7 @@ impl fmt::Display for SkipReason {
 impl Trajectory {
     /// The path of a transducer from recorded frames: probe to world = `tracker_to_world` x tool to tracker x
     /// `transducer_to_tool`, each on column vectors in mm and rigid (see
-    /// [`transducer_to_probe`](crate::tracking::calibration::transducer_to_probe) for the last). Frames without a valid pose
+    /// [`Calibration`](crate::tracking::calibration::Calibration) for the last). Frames without a valid pose
     /// are skipped and counted; a sequence without any valid pose is an error. Frames that carry no time stamps at all are
     /// a tenth of a second apart.
     pub fn from_tracked(

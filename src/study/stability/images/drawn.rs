@@ -84,6 +84,7 @@ pub fn scene(seed: u64, index: u64) -> Case {
             height: 8 + draw.below(70),
             margin: draw.within(0.0, 0.2),
             fill: draw.below(256) as u8,
+            placed: None,
         },
         effects,
         has_needle,

@@ -60,6 +60,7 @@ pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], ef
             height: 48,
             margin: 0.03,
             fill: 7,
+            placed: None,
         },
         effects,
         has_needle: false,

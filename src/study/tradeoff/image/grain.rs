@@ -70,6 +70,7 @@ fn uniform(effects: Effects) -> Settings {
             height: SIDE,
             margin: 0.0,
             fill: 0,
+            placed: None,
         },
         effects: Effects {
             tone: Some(Tone {

@@ -57,6 +57,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
             height: 480,
             margin: 0.0,
             fill: 0,
+            placed: None,
         },
         effects,
         has_needle: false,

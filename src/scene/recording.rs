@@ -1,0 +1,296 @@
+//! Tracked sequences of a scene: recorded poses, the calibration, and the probe and pixels that images were recorded with.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use nalgebra::Matrix4;
+
+use super::error::{At, Problem, SceneError};
+use super::file::{GridSpec, ImageSpec, SceneFile};
+use super::paths::SequenceSpec;
+use crate::document::nearest;
+use crate::synth::tables::ImageSize;
+use crate::tracking::calibration::Calibration;
+use crate::tracking::plus::PlusConfig;
+use crate::tracking::probe::ProbeSpec;
+use crate::tracking::sequence::{Sequence, SequenceFrame, ends};
+use crate::tracking::trajectory::{TrackedFrame, Trajectory};
+
+const KEY: &str = "motion.sequence";
+
+/// Difference of pixel sizes that is worth a word, as a share.
+const PIXEL_SHARE: f64 = 0.05;
+
+/// The tracked sequence that moves the probe.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    /// The frames as recorded.
+    pub frames: Vec<SequenceFrame>,
+    /// Centre of the array to the marker on the probe, rigid.
+    pub array_to_marker: Matrix4<f64>,
+    calibration: Option<Calibration>,
+    image_size: Option<[usize; 2]>,
+}
+
+impl SceneFile {
+    /// The PLUS configuration that the scene names.
+    pub(super) fn plus_config(&self, base: &Path) -> Result<Option<PlusConfig>, SceneError> {
+        let spec = self.motion.as_ref().and_then(|motion| motion.sequence.as_ref());
+        let config = spec.and_then(|spec| spec.plus_config.as_ref());
+        let read = |config| PlusConfig::read(&base.join(config)).at(self, "motion.sequence.plus_config");
+        config.map(read).transpose()
+    }
+
+    /// The probe table, with what it leaves open taken from the configuration of the recording.
+    pub(super) fn probe_table(
+        &self,
+        plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Option<ProbeSpec> {
+        let recorded = plus.map(|plus| {
+            (
+                *plus.probe(),
+                plus.transducer().unwrap_or("a transducer without a name"),
+            )
+        });
+        match (self.probe, recorded) {
+            (Some(ProbeSpec { kind: Some(kind), .. }), Some((ProbeSpec { kind: Some(other), .. }, name)))
+                if kind != other =>
+            {
+                warnings.push(format!(
+                    "the probe is stated as {kind}, but `plus_config` says {other} ({name}): nothing is taken from it"
+                ));
+                self.probe
+            }
+            (stated, Some((recorded @ ProbeSpec { kind: Some(_), .. }, name))) => {
+                let (table, taken) = stated.unwrap_or_default().filled_from(&recorded);
+                if !taken.is_empty() {
+                    notes.push(format!(
+                        "the probe has {} from `plus_config` ({name})",
+                        taken.join(", ")
+                    ));
+                }
+                Some(table)
+            }
+            (None, _) if self.motion.as_ref().is_some_and(|motion| motion.sequence.is_some()) => {
+                warnings.push("no `[probe]`, and no `plus_config` that describes the transducer: the default probe may not be the one that was recorded".to_owned());
+                None
+            }
+            (stated, _) => stated,
+        }
+    }
+
+    /// What a sequence recorded of the probe, and what comes with it.
+    pub(super) fn recording(
+        &self,
+        spec: &SequenceSpec,
+        base: &Path,
+        plus: Option<&PlusConfig>,
+        warnings: &mut Vec<String>,
+    ) -> Result<(Vec<TrackedFrame>, Recording), SceneError> {
+        let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
+        let (frames, sequence) = self.frames(KEY, spec.file.as_deref(), transform, base)?;
+        warnings.extend(sequence.warnings);
+        // A single pixel stands for no image.
+        let stored = sequence.image_size.filter(|size| *size != [1, 1]);
+        let configured = plus.and_then(PlusConfig::image_size);
+        if let (Some([width, height]), Some([columns, rows])) = (stored, configured)
+            && stored != configured
+        {
+            warnings.push(format!(
+                "{KEY}: the images have {width} x {height} pixels, and `plus_config` is for {columns} x {rows}: its calibration \
+                 may be for other images"
+            ));
+        }
+        let image_size = stored.or(configured);
+        let marker = ends(transform).map_or("Probe", |(from, _)| from);
+        let calibration = self.calibration(spec, plus, marker, image_size)?;
+        if let Some(calibration) = &calibration {
+            let skewed = calibration.skew_warning(image_size.unwrap_or([640, 480]));
+            let other = plus
+                .and_then(PlusConfig::pixel_mm)
+                .and_then(|stated| calibration.other_pixels(stated, PIXEL_SHARE));
+            warnings.extend(
+                [skewed, other]
+                    .into_iter()
+                    .flatten()
+                    .map(|text| format!("{KEY}: {text}")),
+            );
+        }
+        let stated = spec.transducer_to_probe.map_or_else(Matrix4::identity, |rows| rows.0);
+        let recording = Recording {
+            frames: sequence.frames,
+            array_to_marker: calibration.map_or(stated, |calibration| *calibration.transducer_to_probe()),
+            calibration,
+            image_size,
+        };
+        Ok((frames, recording))
+    }
+
+    /// The poses that a sequence recorded of one transform.
+    pub(super) fn frames(
+        &self,
+        key: &str,
+        file: Option<&Path>,
+        transform: &str,
+        base: &Path,
+    ) -> Result<(Vec<TrackedFrame>, Sequence), SceneError> {
+        let Some(file) = file else {
+            return Err(self.wrong_keys(key, "no `file`", "the path of a tracked sequence"));
+        };
+        let path = base.join(file);
+        let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
+        let Some((from, to)) = ends(transform) else {
+            let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
+            return Err(self.fault(format!("{key}.transform"), Problem::Name { found, expected }));
+        };
+        let named = sequence
+            .frames
+            .iter()
+            .any(|frame| frame.transforms.contains_key(transform));
+        let frames: Vec<TrackedFrame> = (0..sequence.frames.len())
+            .map(|at| TrackedFrame {
+                time_s: sequence.frames[at].timestamp,
+                tool_to_tracker: match sequence.frames[at].transforms.get(transform) {
+                    Some(recorded) => recorded.valid.then_some(recorded.matrix),
+                    None => sequence.transform(at, from, to),
+                },
+            })
+            .collect();
+        if named || frames.iter().any(|frame| frame.tool_to_tracker.is_some()) {
+            return Ok((frames, sequence));
+        }
+        let (has, help) = recorded_transforms(&sequence, transform, [from, to]);
+        let transform = transform.to_owned();
+        let problem = Problem::NoTransform { path, transform, has };
+        Err(self.fault(format!("{key}.transform"), problem).with_help(help))
+    }
+
+    /// The calibration of the recorded images, if the scene has one.
+    fn calibration(
+        &self,
+        spec: &SequenceSpec,
+        plus: Option<&PlusConfig>,
+        marker: &str,
+        image_size: Option<[usize; 2]>,
+    ) -> Result<Option<Calibration>, SceneError> {
+        let ways = [
+            spec.transducer_to_probe.is_some(),
+            spec.image_to_probe.is_some(),
+            spec.plus_config.is_some(),
+        ];
+        if ways.iter().filter(|given| **given).count() > 1 {
+            let found = "more than one of `transducer_to_probe`, `image_to_probe` and `plus_config`";
+            return Err(self.wrong_keys(KEY, found, "at most one calibration"));
+        }
+        if let Some(plus) = plus {
+            let key = "motion.sequence.plus_config";
+            let image_to_probe = plus.transform("Image", marker).at(self, key)?;
+            let Some(centre) = spec.array_centre_px.or_else(|| plus.array_centre_px()) else {
+                let help = plus.guessed_centre_px(image_size).map(|([column, row], grounds)| {
+                    format!(
+                        "for a straight array along the upper edge of the {grounds}, `array_centre_px = [{column}, {row}]`: a \
+                         guess, to be checked against an image"
+                    )
+                });
+                let found = "no `TransducerCenterPixel` in the configuration";
+                return Err(self
+                    .wrong_keys(key, found, "`array_centre_px` beside it")
+                    .with_help(help));
+            };
+            return Calibration::new(&image_to_probe, centre).at(self, key).map(Some);
+        }
+        match (&spec.image_to_probe, spec.array_centre_px) {
+            (Some(image), Some(centre)) => Calibration::new(&image.0, centre)
+                .at(self, "motion.sequence.image_to_probe")
+                .map(Some),
+            (Some(_), None) => Err(self.wrong_keys(
+                "motion.sequence.image_to_probe",
+                "`image_to_probe` without `array_centre_px`",
+                "the pixel (column, row) at the centre of the array",
+            )),
+            (None, Some(_)) => Err(self.wrong_keys(
+                "motion.sequence.array_centre_px",
+                "`array_centre_px` without `image_to_probe` or `plus_config`",
+                "the calibration that it belongs to",
+            )),
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// The pixels of a frame, on the grid of the recording where the scene asks for that.
+    pub(super) fn on_grid(&self, image: ImageSize, recording: Option<&Recording>) -> Result<ImageSize, SceneError> {
+        let Some(spec) = self.image.filter(|image| image.grid == GridSpec::Recorded) else {
+            return Ok(image);
+        };
+        let fitted = ImageSpec::default();
+        if (spec.width, spec.height, spec.margin) != (fitted.width, fitted.height, fitted.margin) {
+            let found = "`grid = \"recorded\"` with `width`, `height` or `margin`";
+            return Err(self.wrong_keys("image", found, "the grid alone: the recording has its own size"));
+        }
+        let calibrated = recording.and_then(|recording| recording.calibration.zip(recording.image_size));
+        let Some((calibration, size)) = calibrated else {
+            let expected = "a [motion.sequence] of images with `image_to_probe` or `plus_config`, or a `plus_config` with \
+                            `OutputImageSizePixel`";
+            return Err(self.wrong_keys("image.grid", "no calibrated images to take the grid of", expected));
+        };
+        let placed = calibration.grid(size).at(self, "image.grid")?;
+        let [width, height] = size;
+        Ok(ImageSize {
+            width,
+            height,
+            placed: Some(placed),
+            ..image
+        })
+    }
+}
+
+/// The transforms that a sequence has, invalid ones marked, and what a misspelt one may mean.
+fn recorded_transforms(sequence: &Sequence, wanted: &str, ends_of_it: [&str; 2]) -> (String, Option<String>) {
+    let mut valid: BTreeMap<&str, bool> = BTreeMap::new();
+    for (name, transform) in sequence.frames.iter().flat_map(|frame| &frame.transforms) {
+        *valid.entry(name).or_default() |= transform.valid;
+    }
+    if valid.is_empty() {
+        return ("no transforms".to_owned(), None);
+    }
+    let systems: BTreeSet<&str> = valid
+        .keys()
+        .filter_map(|name| ends(name))
+        .flat_map(<[&str; 2]>::from)
+        .collect();
+    let pairs = systems
+        .iter()
+        .flat_map(|from| systems.iter().map(move |to| format!("{from}To{to}")));
+    let candidates: Vec<String> = pairs.filter(|name| name != wanted).collect();
+    let misspelt = !ends_of_it.iter().all(|end| systems.contains(end));
+    let meant = nearest(wanted, candidates.iter().map(String::as_str)).filter(|_| misspelt);
+    let frames = sequence.frames.len();
+    let has = valid.into_iter().map(|(name, valid)| match valid {
+        true => name.to_owned(),
+        false => format!("{name} (invalid in all {frames} frames)"),
+    });
+    let has = has.collect::<Vec<_>>().join(", ");
+    (has, meant.map(|meant| format!("did you mean \"{meant}\"?")))
+}
+
+/// What is said of frames of a recording that make no pose, or the same pose again.
+pub(super) fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<String> {
+    let mut said = Vec::new();
+    if let Some(first) = path.skipped().first() {
+        said.push(format!(
+            "{key}: {} of {frames} frames skipped; frame {}: {}",
+            path.skipped().len(),
+            first.frame,
+            first.reason
+        ));
+    }
+    if path.repeated() > 0 {
+        said.push(format!(
+            "{key}: {} of {frames} frames repeat the pose before them (a tool at rest, or a tracker that stalled)",
+            path.repeated()
+        ));
+    }
+    said
+}

@@ -1,0 +1,411 @@
+//! Device-set configurations of PLUS (XML): calibrations, and what images were made with.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Matrix4;
+use roxmltree::{Document, Node};
+
+use super::calibration::CalibrationError;
+use super::matrix::Rows;
+use super::probe::{ProbeKind, ProbeSpec};
+use crate::read;
+
+/// Largest departure of a curved array's sector from symmetry, degrees; beyond it the field of view is not taken over.
+const LOPSIDED_DEG: f64 = 1.0;
+
+/// A transform between two named frames.
+#[derive(Clone, Debug, PartialEq)]
+struct NamedTransform {
+    from: String,
+    to: String,
+    /// On column vectors.
+    matrix: Matrix4<f64>,
+}
+
+/// Transforms, transducer and images in a PLUS device-set configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlusConfig {
+    path: PathBuf,
+    transforms: Vec<NamedTransform>,
+    centre_px: Option<[f64; 2]>,
+    clip_px: Option<[[f64; 2]; 2]>,
+    transducer: Option<String>,
+    probe: ProbeSpec,
+    image_size: Option<[usize; 2]>,
+    pixel_mm: Option<[f64; 2]>,
+}
+
+impl PlusConfig {
+    /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
+    /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` wherever they stand.
+    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
+        let text = read::text(path, read::XML).map_err(|source| CalibrationError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::parse(&text, path)
+    }
+
+    /// As [`PlusConfig::read`], from text; `path` names it in errors.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, CalibrationError> {
+        let document = Document::parse(text).map_err(|error| CalibrationError::Xml {
+            path: path.to_owned(),
+            line: error.pos().row,
+            column: error.pos().col,
+            found: format!("not well-formed XML: {error}"),
+        })?;
+        let root = Element {
+            document: &document,
+            path,
+            node: document.root(),
+        };
+        let definitions = root.all("CoordinateDefinitions");
+        let transforms = definitions
+            .flat_map(|definitions| {
+                definitions
+                    .node
+                    .children()
+                    .map(move |node| Element { node, ..definitions })
+            })
+            .filter(|element| element.node.has_tag_name("Transform"))
+            .map(|element| element.transform())
+            .collect::<Result<_, _>>()?;
+        let scan = root.all("ScanConversion").next();
+        let pair = |key| scan.as_ref().map_or(Ok(None), |scan| scan.pair(key));
+        let clip = (root.with("ClipRectangleOrigin"), root.with("ClipRectangleSize"));
+        let clip_px = match clip {
+            (Some(origin), Some(size)) => {
+                let corner = origin.pair("ClipRectangleOrigin")?;
+                corner
+                    .zip(size.pair("ClipRectangleSize")?)
+                    .map(|(corner, size)| [corner, size])
+            }
+            _ => None,
+        };
+        let centre = root.with("TransducerCenterPixel");
+        let size = pair("OutputImageSizePixel")?.filter(|size| size.iter().all(|side| (1.0..=65_535.0).contains(side)));
+        Ok(Self {
+            path: path.to_owned(),
+            transforms,
+            centre_px: centre.map_or(Ok(None), |centre| centre.pair("TransducerCenterPixel"))?,
+            clip_px,
+            transducer: scan.and_then(|scan| scan.node.attribute("TransducerName").map(str::to_owned)),
+            probe: root.probe(scan)?,
+            image_size: size.map(|size| size.map(|side| side as usize)),
+            pixel_mm: pair("OutputImageSpacingMmPerPixel")?,
+        })
+    }
+
+    /// The transform from one named frame to another, as the file defines it or as the inverse of what it defines.
+    pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, CalibrationError> {
+        let defined = |from: &str, to: &str| self.transforms.iter().find(|t| t.from == from && t.to == to);
+        defined(from, to)
+            .map(|transform| transform.matrix)
+            .or_else(|| defined(to, from).and_then(|transform| transform.matrix.try_inverse()))
+            .ok_or_else(|| CalibrationError::NoTransform {
+                path: self.path.clone(),
+                from: from.to_owned(),
+                to: to.to_owned(),
+                has: if self.transforms.is_empty() {
+                    "none at all".to_owned()
+                } else {
+                    let names: Vec<_> = self
+                        .transforms
+                        .iter()
+                        .map(|t| format!("{}To{}", t.from, t.to))
+                        .collect();
+                    names.join(", ")
+                },
+            })
+    }
+
+    /// The pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from
+    /// `TransducerCenterPixel`.
+    pub fn array_centre_px(&self) -> Option<[f64; 2]> {
+        match self.transform("TransducerOriginPixel", "Image") {
+            Ok(matrix) => Some([matrix[(0, 3)], matrix[(1, 3)]]),
+            Err(_) => self.centre_px,
+        }
+    }
+
+    /// A guess at the pixel at the centre of a straight array, and its grounds: the middle of the upper edge of the clip
+    /// rectangle, or else of the images, whose size may be known from elsewhere.
+    pub fn guessed_centre_px(&self, images: Option<[usize; 2]>) -> Option<([f64; 2], &'static str)> {
+        let clip = self.clip_px.map(|clip| (clip, "clip rectangle"));
+        let whole = images
+            .or(self.image_size)
+            .map(|size| ([[0.0; 2], size.map(|side| side as f64)], "images"));
+        let ([corner, size], grounds) = clip.or(whole)?;
+        Some(([corner[0] + size[0] / 2.0, corner[1]], grounds))
+    }
+
+    /// The transducer as keys of a probe table, as far as the file describes it.
+    pub fn probe(&self) -> &ProbeSpec {
+        &self.probe
+    }
+
+    /// The name of the transducer.
+    pub fn transducer(&self) -> Option<&str> {
+        self.transducer.as_deref()
+    }
+
+    /// Columns and rows of the images.
+    pub fn image_size(&self) -> Option<[usize; 2]> {
+        self.image_size
+    }
+
+    /// Width and height of a pixel, mm.
+    pub fn pixel_mm(&self) -> Option<[f64; 2]> {
+        self.pixel_mm
+    }
+}
+
+/// An element, with what its errors need.
+#[derive(Clone, Copy)]
+struct Element<'a> {
+    document: &'a Document<'a>,
+    path: &'a Path,
+    node: Node<'a, 'a>,
+}
+
+impl<'a> Element<'a> {
+    fn all(self, tag: &'static str) -> impl Iterator<Item = Self> {
+        let nodes = self.node.descendants().filter(move |node| node.has_tag_name(tag));
+        nodes.map(move |node| Self { node, ..self })
+    }
+
+    /// The first element that has an attribute.
+    fn with(self, key: &str) -> Option<Self> {
+        let node = self.node.descendants().find(|node| node.has_attribute(key))?;
+        Some(Self { node, ..self })
+    }
+
+    fn fault(self, found: String) -> CalibrationError {
+        let position = self.document.text_pos_at(self.node.range().start);
+        CalibrationError::Xml {
+            path: self.path.to_owned(),
+            line: position.row,
+            column: position.col,
+            found,
+        }
+    }
+
+    fn numbers<const N: usize>(self, key: &str, expected: &str) -> Result<Option<[f64; N]>, CalibrationError> {
+        let Some(text) = self.node.attribute(key) else {
+            return Ok(None);
+        };
+        let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
+        let numbers = numbers.ok().and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
+        match numbers.filter(|numbers| numbers.iter().all(|x| x.is_finite())) {
+            Some(numbers) => Ok(Some(numbers)),
+            None => Err(self.fault(format!("`{key}` is `{text}`; expected {expected}"))),
+        }
+    }
+
+    fn pair(self, key: &str) -> Result<Option<[f64; 2]>, CalibrationError> {
+        self.numbers(key, "two numbers: of columns and of rows")
+    }
+
+    fn number(self, key: &str) -> Result<Option<f64>, CalibrationError> {
+        Ok(self.numbers::<1>(key, "a number")?.map(|[number]| number))
+    }
+
+    fn transform(self) -> Result<NamedTransform, CalibrationError> {
+        let attribute = |name: &str| {
+            let found = || {
+                self.fault(format!(
+                    "`Transform` without `{name}`; expected `From`, `To` and `Matrix`"
+                ))
+            };
+            self.node.attribute(name).ok_or_else(found)
+        };
+        let matrix = Rows::parse(attribute("Matrix")?)
+            .map_err(|found| self.fault(format!("`Matrix` holds {found}; expected 16 numbers row by row")))?;
+        Ok(NamedTransform {
+            from: attribute("From")?.to_owned(),
+            to: attribute("To")?.to_owned(),
+            matrix: matrix.0,
+        })
+    }
+
+    /// The keys of a probe table that a `ScanConversion` states, and the number of scanlines.
+    fn probe(self, scan: Option<Self>) -> Result<ProbeSpec, CalibrationError> {
+        let mut spec = ProbeSpec::default();
+        for key in ["NumberOfScanLines", "NumberOfScanlines"] {
+            if let Some(lines) = self.with(key).map_or(Ok(None), |element| element.number(key))? {
+                spec.lines = Some(lines as u32);
+            }
+        }
+        let Some(scan) = scan else { return Ok(spec) };
+        let between = |start: &str, stop: &str| -> Result<_, CalibrationError> {
+            Ok(scan.number(start)?.zip(scan.number(stop)?))
+        };
+        match scan.node.attribute("TransducerGeometry") {
+            Some("LINEAR") => {
+                spec.kind = Some(ProbeKind::Linear);
+                spec.width_mm = scan.number("TransducerWidthMm")?;
+                spec.depth_mm = scan.number("ImagingDepthMm")?;
+            }
+            Some("CURVILINEAR") => {
+                spec.kind = Some(ProbeKind::Curvilinear);
+                spec.radius_mm = scan.number("RadiusStartMm")?;
+                spec.depth_mm = between("RadiusStartMm", "RadiusStopMm")?.map(|(start, stop)| stop - start);
+                spec.angle_deg = between("ThetaStartDeg", "ThetaStopDeg")?
+                    .filter(|(start, stop)| (start + stop).abs() <= LOPSIDED_DEG)
+                    .map(|(start, stop)| stop - start);
+            }
+            _ => {}
+        }
+        Ok(spec)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::calibration::Calibration;
+    use super::*;
+
+    fn data(name: &str) -> Option<PathBuf> {
+        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/config")).join(name);
+        if path.exists() {
+            return Some(path);
+        }
+        println!("SKIPPED: {} is not there", path.display());
+        None
+    }
+
+    #[test]
+    fn calibrations_of_real_devices_are_read() {
+        for (name, count, centre) in [
+            ("BoneUltrasound_L14_config.xml", 1, Some([410.0, 0.0])),
+            (
+                "PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml",
+                2,
+                None,
+            ),
+            (
+                "PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml",
+                3,
+                Some([410.0, -5.0]),
+            ),
+            ("PlusDeviceSet_SpinePhantomFreehandReconstructionOnly.xml", 2, None),
+            (
+                "PlusDeviceSet_UsSimulatorAlgoTestCurvilinear.xml",
+                3,
+                Some([600.0, 34.0]),
+            ),
+        ] {
+            let Some(path) = data(name) else { return };
+            let plus = PlusConfig::read(&path).expect(name);
+            assert_eq!(
+                (plus.transforms.len(), plus.array_centre_px()),
+                (count, centre),
+                "{name}"
+            );
+            let image = plus.transform("Image", "Probe").expect(name);
+            let calibration = Calibration::new(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
+            let skewed = calibration.skew_warning([820, 616]);
+            assert_eq!(
+                skewed.is_some(),
+                name.contains("SpinePhantom") || name.contains("Nwire"),
+                "{skewed:?}"
+            );
+            if let Some(warning) = skewed.filter(|_| name.contains("SpinePhantom")) {
+                for figure in ["92.74 degrees", "0.0854, 0.0790 and 0.0822 mm", "1.37 degrees"] {
+                    assert!(warning.contains(figure), "{warning}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn transducers_of_real_devices_are_read() {
+        for (name, size, table) in [
+            (
+                "BoneUltrasound_L14_config.xml",
+                Some([820, 616]),
+                "kind = 'linear'\nwidth_mm = 40\ndepth_mm = 60\nlines = 90",
+            ),
+            (
+                "PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml",
+                None,
+                "",
+            ),
+            (
+                "PlusDeviceSet_RfProcessingAlgoLinearTest.xml",
+                Some([260, 400]),
+                "kind = 'linear'\nwidth_mm = 38\ndepth_mm = 55",
+            ),
+            (
+                "PlusDeviceSet_RfProcessingAlgoCurvilinearTest.xml",
+                Some([820, 616]),
+                "kind = 'curvilinear'\nradius_mm = 10\nangle_deg = 150\ndepth_mm = 72",
+            ),
+            (
+                "PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml",
+                Some([820, 616]),
+                "kind = 'linear'\nwidth_mm = 40\ndepth_mm = 60\nlines = 128",
+            ),
+            (
+                "PlusDeviceSet_UsSimulatorAlgoTestCurvilinear.xml",
+                Some([1200, 800]),
+                "kind = 'curvilinear'\nradius_mm = 5\nangle_deg = 120\ndepth_mm = 55\nlines = 256",
+            ),
+            (
+                "PlusDeviceSet_UsSimulatorAlgoTestLinear.xml",
+                Some([476, 689]),
+                "kind = 'linear'\nwidth_mm = 40\ndepth_mm = 60\nlines = 256",
+            ),
+        ] {
+            let Some(path) = data(name) else { return };
+            let plus = PlusConfig::read(&path).expect(name);
+            let expected: ProbeSpec = toml::from_str(table).expect(table);
+            assert_eq!((plus.probe(), plus.image_size()), (&expected, size), "{name}");
+        }
+    }
+
+    #[test]
+    fn faults_say_where_they_are() {
+        let parse = |text: &str| PlusConfig::parse(text, Path::new("c.xml"));
+        let short = "<P>\n <CoordinateDefinitions>\n  <Transform From='A' To='B' Matrix='1 2 3'/>\n </CoordinateDefinitions></P>";
+        let error = parse(short).expect_err("short").to_string();
+        assert!(
+            error.contains("line 3, column 3") && error.contains("3 numbers in place of 16"),
+            "{error}"
+        );
+        assert!(matches!(
+            parse("<P><Q></P>"),
+            Err(CalibrationError::Xml { line: 1, .. })
+        ));
+        let nameless = "<P><CoordinateDefinitions><Transform To='B' Matrix='1'/></CoordinateDefinitions></P>";
+        assert!(parse(nameless).is_err());
+        let empty = parse("<P/>").expect("empty");
+        let error = empty.transform("Image", "Probe").expect_err("none").to_string();
+        assert!(
+            error.contains("no transform from `Image` to `Probe`; it has none"),
+            "{error}"
+        );
+        assert!(parse("<P TransducerCenterPixel='4'/>").is_err());
+        let deep = "<P>\n<ScanConversion TransducerGeometry='LINEAR' ImagingDepthMm='deep'/></P>";
+        let error = parse(deep).expect_err("deep").to_string();
+        assert!(
+            error.contains("line 2") && error.contains("`ImagingDepthMm` is `deep`"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_centre_is_guessed_from_the_clip_rectangle_or_the_images() {
+        let parse = |text: &str| PlusConfig::parse(text, Path::new("c.xml")).expect(text);
+        let clipped = parse("<V ClipRectangleOrigin='167 62' ClipRectangleSize='495 488'/>");
+        assert_eq!(
+            clipped.guessed_centre_px(Some([820, 616])),
+            Some(([414.5, 62.0], "clip rectangle"))
+        );
+        assert_eq!(
+            parse("<V/>").guessed_centre_px(Some([820, 616])),
+            Some(([410.0, 0.0], "images"))
+        );
+        assert_eq!(parse("<V/>").guessed_centre_px(None), None);
+    }
+}
