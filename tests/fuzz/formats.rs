@@ -20,7 +20,8 @@ use insonify::scene::{self, ImageSpec, SceneFile};
 use insonify::segmentation::{self, Names, Naming};
 use insonify::statics::{self, ProblemFile};
 use insonify::synth::{Backend, FrameState, Synthesizer};
-use insonify::tracking::calibration::{PlusCalibration, transducer_to_probe};
+use insonify::tracking::calibration::Calibration;
+use insonify::tracking::plus::PlusConfig;
 use insonify::tracking::sequence::Sequence;
 use insonify::tracking::trajectory::Trajectory;
 use insonify::volume::texture::{SolidTexture, TextureOptions};
@@ -391,7 +392,7 @@ fn material(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
 }
 
 fn poses(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
-    let outcome = Trajectory::from_csv(path, Default::default());
+    let outcome = Trajectory::from_csv(path, Default::default(), Default::default());
     bounded(outcome.map(|path| path.at(0.25)));
     Ok(())
 }
@@ -409,9 +410,9 @@ fn stretches(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
 }
 
 fn calibration(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
-    bounded(PlusCalibration::read(path).and_then(|read| {
+    bounded(PlusConfig::read(path).and_then(|read| {
         let matrix = read.transform("Image", "Probe")?;
-        transducer_to_probe(&matrix, read.array_centre_px().unwrap_or_default())
+        Calibration::new(&matrix, read.array_centre_px().unwrap_or_default())
     }));
     Ok(())
 }
