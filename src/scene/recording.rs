@@ -74,7 +74,9 @@ impl SceneFile {
                 Some(table)
             }
             (None, _) if self.motion.as_ref().is_some_and(|motion| motion.sequence.is_some()) => {
-                warnings.push("no `[probe]`, and no `plus_config` that describes the transducer: the default probe may not be the one that was recorded".to_owned());
+                let warning = "no `[probe]`, and no `plus_config` that describes the transducer: the default probe may not be the \
+                               one that was recorded";
+                warnings.push(warning.to_owned());
                 None
             }
             (stated, _) => stated,
@@ -143,7 +145,9 @@ impl SceneFile {
         let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
         let Some((from, to)) = ends(transform) else {
             let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
-            return Err(self.fault(format!("{key}.transform"), Problem::Name { found, expected }));
+            let (_, help) = recorded_transforms(&sequence, transform, ["", ""]);
+            let error = self.fault(format!("{key}.transform"), Problem::Name { found, expected });
+            return Err(error.with_help(help));
         };
         let named = sequence
             .frames
