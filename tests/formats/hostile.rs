@@ -9,7 +9,7 @@ use insonify::error::{Error, INPUT};
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh, read_mesh_bytes};
 use insonify::scenario::ScenarioFile;
 use insonify::scene::SceneFile;
-use insonify::tracking::calibration::PlusCalibration;
+use insonify::tracking::plus::PlusConfig;
 use insonify::tracking::sequence::Sequence;
 use insonify::tracking::trajectory::{Interpolation, Trajectory};
 use insonify::volume;
@@ -19,8 +19,8 @@ use crate::broken::largest_of;
 /// What each reader says of a file: its words, and whether it blames the machine.
 fn words(path: &Path) -> Vec<(String, bool)> {
     let said = |error: Error| (error.to_string(), error.exit_status() != INPUT);
-    let trajectory = Trajectory::from_csv(path, Interpolation::default()).unwrap_err();
-    let calibration = PlusCalibration::read(path).unwrap_err();
+    let trajectory = Trajectory::from_csv(path, Default::default(), Interpolation::default()).unwrap_err();
+    let calibration = PlusConfig::read(path).unwrap_err();
     vec![
         said(volume::load(path).unwrap_err().into()),
         said(volume::load_scalar(path).unwrap_err().into()),
