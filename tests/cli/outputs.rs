@@ -97,7 +97,7 @@ fn files_of_another_kind_and_inputs_are_not_overwritten() {
     bench
         .run("render sweep.toml --backend cpu --frames 2 -o sweep.mha")
         .text();
-    let again = "[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"ProbeToWorld\"\n";
+    let again = "[motion.sequence]\nfile = \"sweep.mha\"\ntransform = \"TransducerToWorld\"\n";
     bench.write("again.toml", &format!("{SCENE}{again}"));
     bench
         .run("render again.toml --backend cpu -o ./sweep.mha")
