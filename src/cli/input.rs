@@ -89,7 +89,7 @@ impl Input {
     /// Files that the command reads.
     pub fn files(&self) -> Vec<PathBuf> {
         let mut files = self.scene.as_deref().map_or_else(Vec::new, inputs);
-        files.extend(self.labels.iter().chain(&self.names.file).cloned());
+        files.extend(self.labels.iter().chain(&self.names.names).cloned());
         files
     }
 
