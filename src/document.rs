@@ -3,8 +3,10 @@
 mod fault;
 mod home;
 mod region;
+mod renamed;
 mod source;
 mod suggest;
+mod version;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,6 +20,7 @@ pub(crate) use region::{Names, plain};
 pub use region::{NoRegion, RegionName};
 pub use source::Source;
 pub(crate) use suggest::nearest;
+pub use version::Version;
 
 use crate::read;
 
@@ -115,6 +118,11 @@ fn unreadable<T: JsonSchema, P: From<Unreadable>>(source: &Arc<Source>, error: &
             .in_text(source, span)
             .with_help(help);
     };
+    let known: Vec<String> = known
+        .iter()
+        .filter(|name| !renamed::is_old(name, &known))
+        .cloned()
+        .collect();
     let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
     let help = suggest::for_key(&key, &known, || home::home_of::<T>(&key));
     Fault::new(Unreadable::UnknownKey { key, known })

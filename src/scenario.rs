@@ -59,7 +59,7 @@ use crate::scene::SceneFile;
 
 pub use cylinder::CylinderSpec;
 pub use error::{ScenarioError, Wrong};
-pub use file::{RunSpec, ScenarioFile, SceneSource, VERSION};
+pub use file::{RunSpec, ScenarioFile, SceneSource};
 pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, EntrySpec, NeedleModel, NeedleTable};
 pub use needle::{Bending, NeedleSettings};
 pub use plan::{Deposit, Guide, Target};
@@ -101,7 +101,7 @@ impl ScenarioFile {
     /// A needle that goes to a target in a label file: the probe is placed over the target, the needle enters beside it.
     pub fn for_labels(path: &Path, target: &str) -> Self {
         Self {
-            version: Some(VERSION),
+            version: Some(document::Version),
             scene: Some(SceneSource::Inline(Box::new(SceneFile::for_labels(path)))),
             needle: Some(NeedleTable {
                 target: Some(target.to_owned()),

@@ -33,7 +33,7 @@ use nalgebra::Point3;
 
 pub use deform::DeformSpec;
 pub use error::{Problem, SceneError};
-pub use file::{GridSpec, ImageSpec, PoseTable, SceneFile, TextureSpec, VERSION, VolumeSpec};
+pub use file::{GridSpec, ImageSpec, PoseTable, SceneFile, TextureSpec, VolumeSpec};
 pub use paths::{
     BendingSpec, MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec,
 };

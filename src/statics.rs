@@ -16,10 +16,10 @@
 //! box_mm = [[-inf, -inf, -inf], [inf, inf, 0.0]]
 //! [[load]]
 //! nodes = [7]
-//! force_n = [0.0, 0.0, 0.001]
+//! node_force_n = [0.0, 0.0, 0.001]
 //! "#;
 //! let file = ProblemFile::parse(text, "pull.toml")?;
-//! assert_eq!(file.load[0].force_n, [0.0, 0.0, 0.001]);
+//! assert_eq!(file.load[0].node_force_n, Some([0.0, 0.0, 0.001]));
 //!
 //! let error = ProblemFile::parse(&text.replace("poisson", "poison"), "pull.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("pull.toml", 6)));
@@ -28,14 +28,18 @@
 
 mod course;
 mod error;
+mod fields;
 mod file;
+mod loads;
+mod materials;
 mod report;
 mod resolve;
 mod run;
 pub(crate) mod selection;
 
-pub use course::{HistorySpec, LawName, MOST_STEPS, Model, RuleName, SchemeName, SolverSpec, ViscositySpec};
+pub use course::{HistorySpec, MOST_STEPS, MemoryName, Model, RuleName, SchemeName, SolverSpec, ViscositySpec};
 pub use error::{StaticsError, Wrong};
+pub use fields::Fields;
 pub use file::{FixSpec, LoadSpec, MaterialSpec, ProblemFile};
 pub use report::Report;
 pub use resolve::{Problem, Solved};

@@ -51,9 +51,9 @@ pub struct Tissue {
     /// Poisson's ratio (0 to 0.4999).
     pub poisson: f64,
     /// Friction of a needle shaft against it, N per mm of shaft (0 to 10).
-    pub needle_friction_n_mm: f64,
+    pub friction_n_per_mm: f64,
     /// Force to cut it with a needle tip, N (0 to 1000).
-    pub cutting_force_n: f64,
+    pub cutting_n: f64,
     /// Whether it is a solid organ that a probe placed without instructions may be aimed at.
     #[serde(default)]
     pub soft_organ: bool,

@@ -7,13 +7,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::error::BeamCaseError;
-use crate::document::{self, Source};
+use crate::document::{self, Source, Version};
 
 /// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
 /// the tip; u is its deflection across.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaseFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
     /// The needle.
     pub needle: NeedleSpec,
     /// How its base is moved.

@@ -9,6 +9,11 @@ use crate::read;
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
 
+/// Least and largest stretch.
+const STRETCHES: [f64; 2] = [1e-3, 1e3];
+/// Largest stress, kPa.
+const STRONGEST: f64 = 1e9;
+
 /// Why points cannot be read or fitted.
 #[derive(Debug, thiserror::Error)]
 pub enum PointsError {
@@ -116,11 +121,14 @@ fn sample(record: &csv::StringRecord, at: [usize; 2]) -> Result<Sample, (String,
         number.ok_or_else(|| (format!("`{}`", &record[at]), "a finite number"))
     };
     let [stretch, stress_kpa] = [number(at[0])?, number(at[1])?];
-    if stretch <= 0.0 {
+    if !(STRETCHES[0]..=STRETCHES[1]).contains(&stretch) {
         return Err((
             format!("stretch {stretch}"),
-            "a stretch above 0: length over length at rest",
+            "a stretch of 0.001 to 1000: length over length at rest",
         ));
+    }
+    if stress_kpa.abs() > STRONGEST {
+        return Err((format!("stress_kpa {stress_kpa:e}"), "a stress of -1e9 to 1e9 kPa"));
     }
     Ok(Sample { stretch, stress_kpa })
 }

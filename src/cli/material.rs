@@ -68,6 +68,7 @@ impl Material {
             self.force.check_ending(output, "svg", "plots", &inputs)?;
         }
         let case = CaseFile::read(path)?.resolve()?;
+        case.notes().iter().for_each(terminal::warn);
         if let Some(target) = &self.rheometer {
             let folder = self.force.folder(target, "material", &[], &inputs)?;
             let tests = case.rheometer()?;

@@ -20,18 +20,18 @@ pub struct Schema {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Of {
-    /// A scene file
+    /// A scene, which `render` reads
     Scene,
-    /// A problem file that `solve` reads
-    #[value(alias = "solve")]
-    Problem,
-    /// A case file that `material` reads
-    Material,
-    /// A case file that `beam` reads
+    /// A scenario, which `insert` reads
+    #[value(alias = "scenario")]
+    Insert,
+    /// A case that `solve` reads
+    #[value(alias = "problem")]
+    Solve,
+    /// A case that `beam` reads
     Beam,
-    /// A scenario file that `insert` reads
-    #[value(alias = "insert")]
-    Scenario,
+    /// A case that `material` reads
+    Material,
     /// The sidecar of a frame that `render --sidecar` writes
     Sidecar,
 }
@@ -40,10 +40,10 @@ impl Schema {
     pub fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
             Of::Scene => insonify::scene::schema(),
-            Of::Problem => schema_for!(ProblemFile).to_value(),
+            Of::Solve => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(material_case::CaseFile).to_value(),
             Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
-            Of::Scenario => insonify::scenario::schema(),
+            Of::Insert => insonify::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use insonify::mechanics::mesh::file::write_vtu;
+use insonify::mechanics::mesh::file::{DISPLACEMENT, Values, write_vtu_with};
 use insonify::statics::{self, Model, ProblemFile, Report};
 
 use super::failure::Failure;
@@ -11,51 +11,55 @@ use super::output::{self, Force};
 use super::terminal;
 
 const EXAMPLES: &str = "\
-The problem file names a mesh, [[material]] by region, [[fix]] and [[load]] by node numbers or by a box:
-  mesh = \"block.vtu\"
-  report_nodes = [7]
-  [[material]]
+The case names a mesh, the [[material]] of each region, and what is held ([[fix]]) and loaded ([[load]]): nodes by number, or those that
+a box, a region (by name or number) and the surface have in common:
+  mesh = \"organs.msh\"                       # mesh_unit = \"m\" of a mesh in metres
+  gravity_m_per_s2 = [0.0, 9.81, 0.0]        # on the density_kg_per_m3 of each material
+  [[material]]                               # without region: all that have none of their own
   young_kpa = 5.0
   poisson = 0.45
+  density_kg_per_m3 = 1050.0
   [[fix]]
-  box_mm = [[-inf, -inf, -inf], [inf, inf, 0.0]]
+  region = \"kidney_right\"                  # surface = true: its nodes on the surface only
   [[load]]
-  nodes = [7]
-  force_n = [0.0, 0.0, 0.002]
+  box_mm = [[-inf, -inf, 50.0], [inf, inf, inf]]
+  total_force_n = [0.0, 0.0, -0.5]           # over the surface in the box; or pressure_kpa, or node_force_n on each node
 
 Examples:
-  insonify solve --example > problem.toml          a file to start from: every key, its unit and default
-  insonify solve problem.toml                      displacements and reactions as a table
-  insonify solve problem.toml -o deformed.vtu      for ParaView: warp by the point array `displacement`
-  insonify solve problem.toml --json | jq .displacement_mm
+  insonify solve --example > case.toml             a file to start from: every key, its unit and default
+  insonify solve case.toml                         displacements, loads and reactions as a table
+  insonify solve case.toml -o deformed.vtu         for ParaView: warp by the point array `displacement`
+  insonify solve case.toml --json | jq .displacement_mm
   insonify schema solve                            every key, as a JSON schema
 
 By default tissue is linear elastic, solved directly; `residual` is the normwise backward error, about 1e-16.
 With `model = \"nonlinear\"` a material stiffens above a knee: young_kpa (1 + stiffening (e - knee_strain)^2), e the relative strain.
-With `model = \"viscoelastic\"` it creeps too, with a derivative of fractional order ([viscoelastic]). Both follow a [history]
-of times and factors of all loads and displacements, in steps; [nonlinear] says how each step is solved:
+With `model = \"viscoelastic\"` it creeps too, with a derivative of fractional order ([viscosity]). Both follow a [history]
+of times and factors of all loads and displacements, in steps; [solver] says how each step is solved:
   insonify solve --example=viscoelastic > creep.toml
   insonify solve creep.toml --history creep.csv    displacements of report_nodes and forces of each fix, a row a step
-Exit status: 0 solved; 2 the problem or a file is wrong; 1 what the machine could not do.";
+Strain and stress in OUT.vtu are symmetric tensors of each element (xx, yy, zz, xy, yz, xz), shear strain half of the angle.
+Exit status: 0 solved; 2 the case or a file is wrong; 1 what the machine could not do.";
 
-/// Solves a static problem: how tissue deforms under forces and prescribed displacements
+/// Solves a static case: how tissue deforms under forces and prescribed displacements
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Solve {
-    /// Problem file: mesh, materials, what is fixed and what is loaded
-    #[arg(value_name = "PROBLEM.toml", required_unless_present = "example")]
-    problem: Option<PathBuf>,
-    /// Print a problem file to start from, which says how its mesh is made
+    /// Case file: mesh, materials, what is held and what is loaded
+    #[arg(value_name = "CASE.toml", required_unless_present = "example")]
+    case: Option<PathBuf>,
+    /// Print a case file to start from, which says how its mesh is made
     #[arg(
         long, value_name = "MODEL", num_args = 0..=1, require_equals = true, default_missing_value = "linear",
-        conflicts_with_all = ["problem", "json", "output", "history"]
+        conflicts_with_all = ["case", "json", "output", "history"]
     )]
     example: Option<Example>,
-    /// Print one JSON object: `model`, `nodes`, `elements`, `residual`, `displacement_mm`, `max_displacement_mm`, `reaction_n`,
-    /// `seconds`, `warnings`, and for models with a history `history`
+    /// Print one JSON object: `model`, `nodes`, `elements`, `residual`, `displacement_mm`, `max_displacement_mm`, `load_n`,
+    /// `load_area_mm2`, `weight_n`, `reaction_n`, `seconds`, `warnings`, and for models with a history `history`
     #[arg(long)]
     json: bool,
-    /// Write the mesh with its displacements (point array `displacement`, mm)
+    /// Write the mesh with `displacement` (mm) and `reaction_n` (N) of its nodes, and `strain`, `stress_kpa` (symmetric tensors: xx, yy,
+    /// zz, xy, yz, xz) and `von_mises_kpa` of its elements
     #[arg(short, long, value_name = "OUT.vtu")]
     output: Option<PathBuf>,
     /// Write what happened over time: displacements of `report_nodes` (mm) and forces of each fix (N), a row a step
@@ -75,7 +79,7 @@ enum Example {
 
 impl Solve {
     pub fn run(&self) -> Result<(), Failure> {
-        let path = match (&self.problem, self.example) {
+        let path = match (&self.case, self.example) {
             (Some(path), None) => path.as_path(),
             (_, Some(Example::Viscoelastic)) => return terminal::emit(statics::CREEP),
             (_, Some(Example::Linear) | None) => return terminal::emit(statics::EXAMPLE),
@@ -89,16 +93,29 @@ impl Solve {
         let folder = path.parent().unwrap_or(Path::new(""));
         let problem = ProblemFile::read(path)?.resolve(folder)?;
         if self.history.is_some() && problem.model() == Model::Linear {
-            let found = "--history of a problem without one: `model = \"linear\"`".to_owned();
+            let found = "--history of a case without one: `model = \"linear\"`".to_owned();
             return Err(Failure::usage(
                 found,
-                "leave it out, or give the problem a model with a [history]",
+                "leave it out, or give the case a model with a [history]",
             ));
         }
         problem.warnings().iter().for_each(terminal::warn);
-        let solved = problem.solve()?;
-        if let Some(output) = &self.output {
-            write_vtu(output, problem.mesh(), Some(&solved.solution.displacement_mm))?;
+        let solved = problem.solve(self.output.is_some())?;
+        if let (Some(output), Some(fields)) = (&self.output, &solved.fields) {
+            let mut reactions = vec![[0.0; 3]; problem.mesh().nodes().len()];
+            for reaction in &solved.solution.reactions {
+                reactions[reaction.node as usize][usize::from(reaction.axis)] = reaction.force_n;
+            }
+            let of_nodes = [
+                (DISPLACEMENT, Values::Vectors(&solved.solution.displacement_mm)),
+                ("reaction_n", Values::Vectors(&reactions)),
+            ];
+            let of_elements = [
+                ("strain", Values::Symmetric(&fields.strain)),
+                ("stress_kpa", Values::Symmetric(&fields.stress_kpa)),
+                ("von_mises_kpa", Values::Scalars(&fields.von_mises_kpa())),
+            ];
+            write_vtu_with(output, problem.mesh(), &of_nodes, &of_elements)?;
         }
         if let (Some(output), Some(history)) = (&self.history, &solved.history) {
             let table = history.csv(problem.report_nodes());

@@ -5,6 +5,8 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::renamed::now;
+
 /// The text of a file and the name that errors give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
@@ -40,7 +42,7 @@ impl Source {
     /// around it that is.
     pub(super) fn find(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
-        let (mut table, mut list, mut found) = (Some(root.get_ref()), None, None);
+        let (mut table, mut list, mut found, mut name) = (Some(root.get_ref()), None, None, "");
         for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
             let number = step.parse::<usize>();
             // What may be a list may be written as a table on its own.
@@ -50,12 +52,15 @@ impl Source {
             let value: Option<&Spanned<DeValue<'_>>> = match (table, list) {
                 (Some(table), _) => table
                     .iter()
-                    .find(|(key, _)| key.get_ref() == step)
+                    .find(|(key, _)| key.get_ref() == step || now(name, key.get_ref()) == Some(step))
                     .map(|(_, value)| value),
                 (None, Some(list)) => number.ok().and_then(|at| <[_]>::get(list, at)),
                 (None, None) => None,
             };
             let Some(value) = value else { break };
+            if number.is_err() {
+                name = step;
+            }
             found = Some(value.span());
             table = value.get_ref().as_table();
             list = value.get_ref().as_array().map(|list| &list[..]);

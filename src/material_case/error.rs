@@ -54,6 +54,8 @@ impl CaseFile {
             PointError::Number { key, at, .. } => {
                 let key = match *key {
                     "time_s" | "value" => format!("history.{key}"),
+                    // Here it is of the shear.
+                    "knee_strain" => "knee_shear".to_owned(),
                     _ => (*key).to_owned(),
                 };
                 at.map_or(key.clone(), |at| format!("{key}[{at}]"))

@@ -7,12 +7,14 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::error::MaterialCaseError;
-use crate::document::{self, Source};
+use crate::document::{self, Source, Version};
 
 /// A test of a material: one point in simple shear.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaseFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
     /// What the material is made of.
     pub law: Law,
     /// k of the spring-pot, 0 (a spring) to 1 (a dashpot); about 0.1 for liver.
@@ -23,13 +25,15 @@ pub struct CaseFile {
     pub modulus_inf_kpa: Option<f64>,
     /// Zener: time of the spring-pot in the branch, s, above 0.
     pub tau_s: Option<f64>,
-    /// Shear strain at which the material begins to stiffen. Default: it never does.
-    pub knee_strain: Option<f64>,
-    /// a in G0 (1 + a (strain - knee_strain)^2), 0 or more. Goes with `knee_strain`.
+    /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain that `solve` and `insert` take. Default:
+    /// it never does.
+    #[serde(alias = "knee_strain")]
+    pub knee_shear: Option<f64>,
+    /// a in G0 (1 + a (shear - knee_shear)^2), 0 or more. Goes with `knee_shear`.
     pub stiffening: Option<f64>,
     /// Where the stiffness stands beside the memory; they part beyond the knee only.
-    #[serde(default)]
-    pub structure: StructureName,
+    #[serde(default, alias = "structure")]
+    pub memory: MemoryName,
     /// How the past is summed up.
     #[serde(default)]
     pub rule: RuleName,
@@ -53,7 +57,7 @@ pub enum Law {
 /// Where the stiffness stands beside the memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum StructureName {
+pub enum MemoryName {
     /// G(strain) d^k strain / dt^k = stress, as the material is measured.
     #[default]
     Rate,

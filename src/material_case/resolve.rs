@@ -1,7 +1,7 @@
 //! From a case file to a material and its history.
 
 use super::error::MaterialCaseError;
-use super::file::{CaseFile, ControlName, Law, RuleName, StructureName};
+use super::file::{CaseFile, ControlName, Law, MemoryName, RuleName};
 use super::report::Report;
 use crate::mechanics::tissue::viscoelastic::point::{
     Body, Control, Knee, Loading, Method, Point, PointError, Structure,
@@ -25,9 +25,9 @@ impl CaseFile {
         let point = Point {
             body: self.body()?,
             knee: self.knee()?,
-            structure: match self.structure {
-                StructureName::Rate => Structure::Rate,
-                StructureName::LoadIntegral => Structure::LoadIntegral,
+            structure: match self.memory {
+                MemoryName::Rate => Structure::Rate,
+                MemoryName::LoadIntegral => Structure::LoadIntegral,
             },
         };
         let loading = Loading {
@@ -87,17 +87,17 @@ impl CaseFile {
     }
 
     fn knee(&self) -> Result<Knee, MaterialCaseError> {
-        match (self.knee_strain, self.stiffening) {
+        match (self.knee_shear, self.stiffening) {
             (None, None) => Ok(Knee::NONE),
             (Some(strain), Some(stiffening)) => Ok(Knee { strain, stiffening }),
             (Some(_), None) => Err(self.wrong_keys(
-                "knee_strain",
-                "`knee_strain` without `stiffening`",
+                "knee_shear",
+                "`knee_shear` without `stiffening`",
                 "both, or neither for a material that never stiffens",
             )),
             (None, Some(_)) => Err(self.wrong_keys(
                 "stiffening",
-                "`stiffening` without `knee_strain`",
+                "`stiffening` without `knee_shear`",
                 "both, or neither for a material that never stiffens",
             )),
         }
@@ -113,6 +113,11 @@ impl Case {
     /// What is done to it.
     pub fn loading(&self) -> &Loading {
         &self.loading
+    }
+
+    /// Keys under old names.
+    pub fn notes(&self) -> Vec<String> {
+        self.file.source.iter().flat_map(|source| source.renamed()).collect()
     }
 
     /// Follows the history.

@@ -6,9 +6,9 @@ order = 0.5
 modulus_kpa = 3.0
 modulus_inf_kpa = 1.0
 tau_s = 0.7
-knee_strain = 0.3
+knee_shear = 0.3
 stiffening = 5.0
-structure = \"load-integral\"
+memory = \"load-integral\"
 rule = \"trapezoid\"
 [history]
 control = \"stress\"
@@ -58,7 +58,7 @@ fn numbers_and_keys_are_checked() {
     refused(&CREEP.replace("= 3.0", "= 0"), "modulus_kpa", 3, &["above 0"]);
     refused(&CREEP.replace("= 1.0", "= -1"), "modulus_inf_kpa", 4, &["0 or more"]);
     refused(&CREEP.replace("0.7", "nan"), "tau_s", 5, &["NaN"]);
-    refused(&CREEP.replace("0.3", "-0.3"), "knee_strain", 6, &["-0.3"]);
+    refused(&CREEP.replace("0.3", "-0.3"), "knee_shear", 6, &["-0.3"]);
     refused(&CREEP.replace("= 5.0", "= inf"), "stiffening", 7, &["finite"]);
     refused(
         &CREEP.replace("2.5]", "0.5]"),
@@ -75,15 +75,15 @@ fn numbers_and_keys_are_checked() {
     );
     refused(
         &CREEP.replace("stiffening = 5.0\n", ""),
-        "knee_strain",
+        "knee_shear",
         6,
         &["without `stiffening`"],
     );
     refused(
-        &CREEP.replace("knee_strain = 0.3\n", ""),
+        &CREEP.replace("knee_shear = 0.3\n", ""),
         "stiffening",
         6,
-        &["without `knee_strain`"],
+        &["without `knee_shear`"],
     );
     refused(&CREEP.replace("tau_s = 0.7\n", ""), "law", 1, &["without `tau_s`"]);
     refused(

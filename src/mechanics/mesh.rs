@@ -10,6 +10,7 @@
 //! | [`map`] | world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
 //! | [`quality`] | shapes of elements, and whether a mesh can be calculated on |
+//! | [`Face`] | faces on the surface, with their outward normals |
 
 mod adjacency;
 pub mod displacement;
@@ -22,9 +23,11 @@ pub mod locator;
 pub mod map;
 pub mod pack;
 pub mod quality;
+mod surface;
 
 pub use displacement::{Displacement, InvalidDisplacement};
 pub use locator::{Hit, Locator, LocatorReport, NONE};
+pub use surface::Face;
 
 /// A tetrahedral mesh in its reference (undeformed) state, valid by construction.
 ///

@@ -1,6 +1,6 @@
 //! What can be wrong with a scenario file.
 
-use super::file::{ScenarioFile, VERSION};
+use super::file::ScenarioFile;
 use crate::document::{Fault, NoRegion, Unreadable};
 use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
@@ -26,12 +26,6 @@ pub enum Wrong {
     /// The file cannot be read, or says what no scenario says.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// Another version, or none.
-    #[error("found {}, expected `version = {VERSION}`", found.map_or("no version".to_owned(), |found| format!("version {found}")))]
-    Version {
-        /// The version found.
-        found: Option<u32>,
-    },
     /// Keys that contradict each other, or do not say enough.
     #[error("found {found}; expected {expected}")]
     Keys {

@@ -11,21 +11,17 @@ use serde::{Deserialize, Serialize};
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
 use super::tissue::TissueSpec;
-use crate::document::Source;
+use crate::document::{Source, Version};
 use crate::quality::QualitySpec;
 use crate::scene::SceneFile;
-
-/// The version of the format that this crate reads.
-pub const VERSION: u32 = 1;
 
 /// A needle insertion: a scene, the tissue that yields in it, and how needle and probe move. Paths are relative to the folder
 /// that the file lies in.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioFile {
-    /// Version of the format: 1.
-    #[schemars(required)]
-    pub version: Option<u32>,
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
     /// What is imaged, and how the probe lies or moves: the name of a scene that comes with the program, the path of a scene
     /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario makes both.
     #[schemars(required)]
@@ -68,7 +64,7 @@ impl ScenarioFile {
 pub enum SceneSource {
     /// The name of a scene that comes with the program (`insonify scene` lists them), or the path of a scene file.
     Named(String),
-    /// The scene itself; its `version` may be left out.
+    /// The scene itself.
     Inline(Box<SceneFile>),
 }
 

@@ -18,7 +18,7 @@ use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::rigid::{self, FreePart, RigidError};
 use crate::scene::Scene;
 use crate::scene::deform::NODES;
-use crate::statics::selection::{Odd, axes, ordered, select};
+use crate::statics::selection::{Choice, Odd, axes, ordered};
 use crate::volume::LabelVolume;
 
 /// A part of the mesh that nothing holds is held by itself where it has at most this share of the nodes: crumbs that a
@@ -59,6 +59,7 @@ impl ScenarioFile {
                 }
                 let options = ReadOptions {
                     region: spec.region_array.as_deref(),
+                    unit: spec.mesh_unit,
                     ..ReadOptions::default()
                 };
                 let read = read_mesh(&base.join(path), &options).map_err(|error| self.fault("tissue.mesh", error))?;
@@ -178,22 +179,14 @@ impl ScenarioFile {
         warnings: &mut Vec<String>,
     ) -> Result<Vec<(u32, u8)>, ScenarioError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];
-        let of_regions = |fixed: &mut Vec<[bool; 3]>, which: &dyn Fn(i32) -> bool, along: &[u8]| {
-            let elements = mesh.elements().iter().zip(mesh.regions());
-            for &node in elements
-                .filter(|(_, region)| which(**region))
-                .flat_map(|(nodes, _)| nodes)
-            {
-                along
-                    .iter()
-                    .for_each(|axis| fixed[node as usize][*axis as usize] = true);
-            }
-        };
-        of_regions(
-            &mut fixed,
-            &|region| made_of.get(&region).is_some_and(|of| of.rigid),
-            &[0, 1, 2],
-        );
+        let rigid = |region: &i32| made_of.get(region).is_some_and(|of| of.rigid);
+        let elements = mesh.elements().iter().zip(mesh.regions());
+        for node in elements
+            .filter(|(_, region)| rigid(region))
+            .flat_map(|(nodes, _)| nodes)
+        {
+            fixed[*node as usize] = [true; 3];
+        }
         if let (Some(corners), true) = (&self.tissue.box_mm, self.tissue.fix.is_empty()) {
             let (outside, volume) = (self.outside(names)?, names.volume());
             let is_tissue = |label: u8| {
@@ -211,24 +204,25 @@ impl ScenarioFile {
             let table = format!("tissue.fix[{at}]");
             let nodes_wrong = |odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1));
             let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
-            if let Some(region) = &spec.region {
-                if spec.nodes.is_some() || spec.box_mm.is_some() {
-                    let found = "`region` beside `nodes` or `box_mm`";
-                    return Err(self.wrong_keys(table, found, "one of them"));
-                }
-                let numbers = names.numbers(&format!("{table}.region"), region)?;
-                of_regions(&mut fixed, &|region| numbers.contains(&region), &along);
-                continue;
-            }
-            for node in
-                select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes()).map_err(nodes_wrong)?
-            {
+            let key = format!("{table}.region");
+            let regions = spec
+                .region
+                .as_ref()
+                .map(|region| names.numbers(&key, region))
+                .transpose()?;
+            let choice = Choice {
+                nodes: spec.nodes.as_deref(),
+                box_mm: spec.box_mm.as_ref(),
+                regions: regions.as_deref(),
+                surface: spec.surface,
+            };
+            for node in choice.select(&table, mesh).map_err(nodes_wrong)? {
                 along
                     .iter()
                     .for_each(|axis| fixed[node as usize][*axis as usize] = true);
             }
         }
-        self.hold_crumbs(mesh, &mut fixed, warnings)?;
+        self.hold_crumbs(mesh, names, &mut fixed, warnings)?;
         Ok(list(&fixed))
     }
 
@@ -236,19 +230,22 @@ impl ScenarioFile {
     fn hold_crumbs(
         &self,
         mesh: &TetMesh,
+        names: &Regions<'_>,
         fixed: &mut [[bool; 3]],
         warnings: &mut Vec<String>,
     ) -> Result<(), ScenarioError> {
         let most = CRUMB * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),
-            Err(RigidError::FreeParts { parts })
+            Err(RigidError::FreeParts { parts, .. })
                 if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= most) =>
             {
                 parts
             }
             Err(error) => {
                 let help = "fix nodes with [[tissue.fix]], by `box_mm`, `region` or `nodes`".to_owned();
+                let called = mesh.regions().iter().map(|region| (*region, names.name(*region)));
+                let error = error.named(&called.collect());
                 return Err(self.fault("tissue.fix", error).with_help(Some(help)));
             }
         };

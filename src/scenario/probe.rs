@@ -7,7 +7,7 @@ use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
 use crate::mechanics::insertion::{Outcome, ProbeContact};
-use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::mechanics::mesh::{Face, TetMesh};
 use crate::scene::Scene;
 use crate::tracking::pose::Pose;
 
@@ -141,14 +141,8 @@ impl ScenarioFile {
 
 /// Nodes on the surface of a mesh, ascending; of some regions only.
 fn surface(mesh: &TetMesh, regions: Option<&[i32]>) -> Vec<u32> {
-    let mut nodes = Vec::new();
-    let of = |region: &i32| regions.is_none_or(|regions| regions.contains(region));
-    let elements = mesh.elements().iter().zip(mesh.neighbours()).zip(mesh.regions());
-    for ((corners, neighbours), _) in elements.filter(|(_, region)| of(region)) {
-        for (corner, _) in neighbours.iter().enumerate().filter(|(_, other)| **other == NONE) {
-            nodes.extend((0..4).filter(|other| *other != corner).map(|other| corners[other]));
-        }
-    }
+    let of = |face: &Face| regions.is_none_or(|regions| regions.contains(&face.region));
+    let mut nodes: Vec<u32> = mesh.surface().filter(of).flat_map(|face| face.nodes).collect();
     nodes.sort_unstable();
     nodes.dedup();
     nodes

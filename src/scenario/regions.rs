@@ -156,8 +156,8 @@ impl<'a> Regions<'a> {
             .map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))?;
         let rigid = spec.rigid.unwrap_or(young_kpa >= RIGID_KPA);
         let usual = Interaction {
-            friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.needle_friction_n_mm),
-            cutting_n: tissue.map_or(0.0, |tissue| tissue.cutting_force_n),
+            friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.friction_n_per_mm),
+            cutting_n: tissue.map_or(0.0, |tissue| tissue.cutting_n),
             bone: rigid.then_some(BONE),
             ..Interaction::default()
         };

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use super::clearance;
 use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
-use super::file::{RunSpec, ScenarioFile, VERSION};
+use super::file::{RunSpec, ScenarioFile};
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
@@ -178,9 +178,6 @@ impl ScenarioFile {
     /// # Errors
     /// [`ScenarioError`], with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, ScenarioError> {
-        if self.version != Some(VERSION) {
-            return Err(self.fault("version", Wrong::Version { found: self.version }));
-        }
         let quality = self.quality();
         if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
             let expected = QualitySpec::EXPECTED;
@@ -212,6 +209,7 @@ impl ScenarioFile {
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
         self.check_deposits(&deposits, &timing)?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
+        notes.extend(self.source.iter().flat_map(|source| source.renamed()));
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,

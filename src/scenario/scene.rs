@@ -50,11 +50,7 @@ impl ScenarioFile {
                     "the name of a scene, its path, or a table `[scene]`",
                 ));
             }
-            Some(SceneSource::Inline(file)) => {
-                let mut file = (**file).clone();
-                file.version = file.version.or(Some(scene::VERSION));
-                (file, base.to_owned(), true)
-            }
+            Some(SceneSource::Inline(file)) => ((**file).clone(), base.to_owned(), true),
             Some(SceneSource::Named(name)) => {
                 let (file, folder) = self.named_scene(name, base)?;
                 (file, folder, false)

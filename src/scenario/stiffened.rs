@@ -13,7 +13,7 @@ use crate::mechanics::insertion::Interaction;
 use crate::mechanics::insertion::nonlinear::{InvalidSetup, Options, Viscosity, in_body, obstacle};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
-use crate::statics::{LawName, SchemeName};
+use crate::statics::{MemoryName, SchemeName};
 use crate::tracking::trajectory::{Key, Trajectory};
 
 /// How far a needle may go sideways in tissue, mm: rounding of what a file says.
@@ -40,7 +40,8 @@ pub struct TissueViscositySpec {
     /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
     pub order: Option<f64>,
     /// What remembers. Default `load-integral`, that of Kobayashi et al. 2010.
-    pub law: Option<LawName>,
+    #[serde(alias = "law")]
+    pub memory: Option<MemoryName>,
     /// Bound of the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
     pub tolerance: Option<f64>,
 }
@@ -140,7 +141,7 @@ impl ScenarioFile {
         let range = |x: f64| (0.0..=1.0).contains(&x);
         Ok(Viscosity {
             order: self.number("tissue.viscosity.order", order, range, "0 to 1")?,
-            memory: spec.law.unwrap_or_default().into(),
+            memory: spec.memory.unwrap_or_default().into(),
         })
     }
 

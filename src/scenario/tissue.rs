@@ -9,6 +9,7 @@ use super::cylinder::CylinderSpec;
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::document::RegionName;
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
+use crate::mechanics::mesh::file::Unit;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
 /// Nodes of a mesh made from the scene's volume where a scenario states none: those of Goksel et al. 2011.
@@ -20,9 +21,11 @@ pub const DEFAULT_NODES: u32 = 3300;
 pub struct TissueSpec {
     /// The model. Default `finite-element`.
     pub model: TissueModel,
-    /// A tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm). Its regions are label values of the scene's volume, or have a
+    /// A tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
     /// `[[tissue.material]]` each. Default: one made from the scene's volume.
     pub mesh: Option<PathBuf>,
+    /// The length that a coordinate of 1 stands for in `mesh`: `mm`, `cm` or `m`. Default `mm`.
+    pub mesh_unit: Unit,
     /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first usual one.
     pub region_array: Option<String>,
     /// The most nodes of a mesh made from the scene's volume (8 to 1000000). Default 3300.
@@ -129,7 +132,7 @@ pub enum ColumnsName {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MaterialSpec {
-    /// The region; without one the table speaks of all regions that have none of their own.
+    /// The region: its name, a part of one, or its number. Without one the table is for all regions that have none of their own.
     pub region: Option<RegionName>,
     /// Young's modulus, kPa (above 0).
     pub young_kpa: Option<f64>,
@@ -177,7 +180,7 @@ pub struct BoneSpec {
     pub penetration_mm: f64,
 }
 
-/// Nodes that do not move: exactly one of `nodes`, `box_mm` and `region`.
+/// Nodes that do not move: by number, or all that a box, a region and the surface have in common.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FixSpec {
@@ -185,8 +188,10 @@ pub struct FixSpec {
     pub nodes: Option<Vec<i64>>,
     /// All nodes in this box, its faces included, as two opposite corners, mm. `inf` leaves a side open.
     pub box_mm: Option<[[f64; 3]; 2]>,
-    /// All nodes of a region.
+    /// All nodes of a region: its name, a part of one, or its number.
     pub region: Option<RegionName>,
+    /// Only nodes on the surface of the mesh. Default false.
+    pub surface: bool,
     /// The axes along which they are fixed: `x`, `y`, `z` or several. Default `xyz`.
     pub axes: Option<String>,
 }

@@ -1,7 +1,7 @@
 //! Checks that need nothing but the file's own text.
 
 use super::error::{At, Problem, SceneError};
-use super::file::{SceneFile, VERSION, VolumeSpec};
+use super::file::{SceneFile, VolumeSpec};
 use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
@@ -23,7 +23,7 @@ pub(super) struct Framing {
 }
 
 impl SceneFile {
-    /// Checks version, probe, image, effects and the number of frames, and fills in what is left open: of the probe from the
+    /// Checks probe, image, effects and the number of frames, and fills in what is left open: of the probe from the
     /// configuration of a recording first.
     pub(super) fn framing(
         &self,
@@ -31,9 +31,6 @@ impl SceneFile {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Framing, SceneError> {
-        if self.version != Some(VERSION) {
-            return Err(self.fault("version", Problem::Version { found: self.version }));
-        }
         if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
             let expected = QualitySpec::EXPECTED;
             return Err(self.fault(format!("quality.{key}"), Problem::Number { found, expected }));

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::file::{SceneFile, VERSION};
+use super::file::SceneFile;
 use crate::document::{Fault, Unreadable};
 use crate::effects::OutOfRange;
 use crate::mechanics::mesh::file::MeshFileError;
@@ -27,12 +27,6 @@ pub enum Problem {
     /// The file cannot be read, or says what no scene says.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// Another version, or none.
-    #[error("found {}, expected `version = {VERSION}`", found.map_or("no version".to_owned(), |found| format!("version {found}")))]
-    Version {
-        /// The version found.
-        found: Option<u32>,
-    },
     /// Keys that contradict each other, or do not say enough.
     #[error("found {found}; expected {expected}")]
     Keys {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
 use super::paths::{MotionSpec, NeedleTable};
-use crate::document::Source;
+use crate::document::{Source, Version};
 use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
@@ -21,16 +21,13 @@ use crate::tracking::world::World;
 use crate::volume::complete::Unlabelled;
 use crate::volume::texture::{Seam, Values};
 
-/// The version of the format that this crate reads.
-pub const VERSION: u32 = 1;
-
 /// A scene file. Paths in it are relative to the folder that it lies in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// Version of the format: 1.
-    #[schemars(required)]
-    pub version: Option<u32>,
+    /// Version of the format: 1, which is the default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<Version>,
     /// Seed of everything random in a frame: speckle, noise, solid textures. Default 0.
     #[serde(default)]
     pub seed: u64,
@@ -81,7 +78,7 @@ impl SceneFile {
     /// over the largest soft organ, the usual effects.
     pub fn for_labels(path: &Path) -> Self {
         Self {
-            version: Some(VERSION),
+            version: Some(Version),
             volume: Some(VolumeSpec {
                 file: Some(path.to_owned()),
                 ..VolumeSpec::default()

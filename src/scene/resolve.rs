@@ -33,7 +33,8 @@ impl SceneFile {
     /// # Errors
     /// [`SceneError`], with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path) -> Result<Scene, SceneError> {
-        let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+        let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
+        let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
         let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
         let path = self.probe_path(base_dir, plus.as_ref(), &mut warnings)?;

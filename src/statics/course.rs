@@ -67,7 +67,8 @@ pub struct ViscositySpec {
     /// Order k of the derivative, 0 (elastic) to 1 (viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
     pub order: f64,
     /// What remembers. Default `load-integral`.
-    pub law: LawName,
+    #[serde(alias = "law")]
+    pub memory: MemoryName,
     /// How the history is summed up. Default `exponentials`.
     pub rule: RuleName,
 }
@@ -76,20 +77,20 @@ impl Default for ViscositySpec {
     fn default() -> Self {
         ViscositySpec {
             order: 0.1,
-            law: LawName::default(),
+            memory: MemoryName::default(),
             rule: RuleName::default(),
         }
     }
 }
 
-/// Laws, which part above the knee.
+/// What viscoelastic tissue remembers; the two part above the knee.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum LawName {
-    /// K(U) U is the integral of order k of the loads: that of Kobayashi et al. 2010.
+pub enum MemoryName {
+    /// The loads: K(U) U is their integral of order k, that of Kobayashi et al. 2010.
     #[default]
     LoadIntegral,
-    /// K(U) times the derivative of order k of U is the loads.
+    /// The rates: K(U) times the derivative of order k of U is the loads.
     Rate,
 }
 
@@ -200,11 +201,11 @@ impl From<SchemeName> for Scheme {
     }
 }
 
-impl From<LawName> for Memory {
-    fn from(name: LawName) -> Memory {
+impl From<MemoryName> for Memory {
+    fn from(name: MemoryName) -> Memory {
         match name {
-            LawName::LoadIntegral => Memory::LoadIntegral,
-            LawName::Rate => Memory::Rate,
+            MemoryName::LoadIntegral => Memory::LoadIntegral,
+            MemoryName::Rate => Memory::Rate,
         }
     }
 }

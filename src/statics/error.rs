@@ -1,10 +1,11 @@
 //! What can be wrong with a problem file.
 
 use super::file::ProblemFile;
-use crate::document::{Fault, Unreadable};
+use super::selection::Odd;
+use crate::document::{Fault, NoRegion, Unreadable};
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::quality::UnusableMesh;
-use crate::mechanics::tissue::material::{InvalidMaterial, MaterialsError};
+use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening};
 use crate::mechanics::tissue::problem::SolveError;
@@ -27,9 +28,9 @@ pub enum Wrong {
     /// A material is none.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// Two materials for the same region, or for all others.
+    /// A name or number of no region.
     #[error(transparent)]
-    Materials(#[from] MaterialsError),
+    Region(#[from] NoRegion),
     /// A node that the mesh does not have.
     #[error("found node {found}; the mesh has {nodes} nodes, numbered from 0")]
     Node {
@@ -98,11 +99,36 @@ impl ProblemFile {
     /// As [`ProblemFile::fault`], for keys that contradict each other or do not say enough.
     pub(super) fn wrong_keys(
         &self,
-        key: String,
+        key: impl Into<String>,
         found: impl Into<String>,
         expected: impl Into<String>,
     ) -> StaticsError {
         let (found, expected) = (found.into(), expected.into());
         self.fault(key, Wrong::Keys { found, expected })
+    }
+
+    /// An error about a choice of nodes or axes.
+    pub(super) fn odd(&self, odd: Odd) -> StaticsError {
+        self.fault(odd.0, odd.1)
+    }
+
+    /// Checks that a number is finite and no larger than `most`.
+    pub(super) fn within(&self, key: &str, found: f64, most: f64, expected: &'static str) -> Result<(), StaticsError> {
+        match found.abs() <= most {
+            true => Ok(()),
+            false => Err(self.fault(key, Wrong::Number { found, expected })),
+        }
+    }
+
+    /// The same of each component of a vector.
+    pub(super) fn vector(
+        &self,
+        key: &str,
+        vector: &[f64; 3],
+        most: f64,
+        expected: &'static str,
+    ) -> Result<(), StaticsError> {
+        let check = |(at, found): (usize, &f64)| self.within(&format!("{key}[{at}]"), *found, most, expected);
+        vector.iter().enumerate().try_for_each(check)
     }
 }

@@ -24,6 +24,13 @@ pub struct Report {
     pub displacement_mm: Vec<[f64; 3]>,
     /// Length of the longest displacement of all nodes, mm.
     pub max_displacement_mm: f64,
+    /// Sum of the forces of each `[[load]]`, as it is written, N.
+    pub load_n: Vec<[f64; 3]>,
+    /// Area of the surface that each `[[load]]` acts on, mm^2; 0 of forces on nodes.
+    pub load_area_mm2: Vec<f64>,
+    /// Weight of all tissue, N, where gravity pulls on it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weight_n: Option<[f64; 3]>,
     /// Forces that each `[[fix]]` puts on the mesh to hold its nodes, in sum, N. What two hold counts for the first.
     pub reaction_n: Vec<[f64; 3]>,
     /// Wall-clock time by phase, and in all.
@@ -69,6 +76,9 @@ impl Report {
             residual: solution.residual,
             displacement_mm: problem.report_nodes().iter().map(displacement).collect(),
             max_displacement_mm: max,
+            load_n: problem.load_n(),
+            load_area_mm2: problem.load_area_mm2().to_vec(),
+            weight_n: problem.weight_n(),
             reaction_n: problem.reactions(solution),
             seconds: phases.into_iter().chain([("total", total)]).collect(),
             warnings: problem.warnings().to_vec(),
@@ -103,12 +113,29 @@ impl fmt::Display for Report {
         )?;
         writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "held by", "x N", "y N", "z N")?;
         for (fix, force) in self.reaction_n.iter().enumerate() {
-            row(f, &format!("fix[{fix}]"), force)?;
+            row(f, &format!("fix[{fix}]"), force, "")?;
+        }
+        if !self.load_n.is_empty() || self.weight_n.is_some() {
+            writeln!(
+                f,
+                "\n{:>10} {:>14} {:>14} {:>14} {:>14}",
+                "loaded by", "x N", "y N", "z N", "on mm^2"
+            )?;
+        }
+        for (load, (force, area)) in self.load_n.iter().zip(&self.load_area_mm2).enumerate() {
+            let area = match area {
+                0.0 => "nodes".to_owned(),
+                area => format!("{area:.3}"),
+            };
+            row(f, &format!("load[{load}]"), force, &area)?;
+        }
+        if let Some(weight) = &self.weight_n {
+            row(f, "weight", weight, "")?;
         }
         if !self.report_nodes.is_empty() {
             writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "node", "x mm", "y mm", "z mm")?;
             for (node, displacement) in self.report_nodes.iter().zip(&self.displacement_mm) {
-                row(f, &node.to_string(), displacement)?;
+                row(f, &node.to_string(), displacement, "")?;
             }
         }
         let phases = ["read", "check", "assembly", "factor", "solve", "total"].iter();
@@ -117,9 +144,13 @@ impl fmt::Display for Report {
     }
 }
 
-fn row(f: &mut fmt::Formatter<'_>, name: &str, vector: &[f64; 3]) -> fmt::Result {
+fn row(f: &mut fmt::Formatter<'_>, name: &str, vector: &[f64; 3], more: &str) -> fmt::Result {
     let [x, y, z] = vector.map(rounded);
-    writeln!(f, "{name:>10} {x:>14.6} {y:>14.6} {z:>14.6}")
+    let more = match more {
+        "" => String::new(),
+        more => format!(" {more:>14}"),
+    };
+    writeln!(f, "{name:>10} {x:>14.6} {y:>14.6} {z:>14.6}{more}")
 }
 
 /// Rounded to the decimals that are shown, so that nothing shows as a negative zero.

@@ -6,31 +6,35 @@ use std::time::Instant;
 
 use super::course::Model;
 use super::error::{StaticsError, Wrong};
-use super::file::{MaterialSpec, ProblemFile};
+use super::fields::Fields;
+use super::file::ProblemFile;
+use super::loads::Loads;
+use super::materials::Made;
 use super::run::History;
-use super::selection::AXES;
+use super::selection::{AXES, Choice, axes, numbered};
+use crate::document::{Names, RegionName};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
-use crate::mechanics::tissue::material::{Material, Materials, MaterialsError};
-use crate::mechanics::tissue::nonlinear::Stiffening;
-use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
+use crate::mechanics::tissue::material::Materials;
+use crate::mechanics::tissue::problem::{Fix, Solution, SolveError, StaticProblem};
 use crate::mechanics::tissue::rigid::RigidError;
+
+/// Farthest displacement, mm.
+const FARTHEST: f64 = 1e6;
 
 /// A static problem whose mesh is read and whose nodes are picked.
 #[derive(Clone, Debug)]
 pub struct Problem {
     pub(super) file: ProblemFile,
     mesh: TetMesh,
-    materials: Materials,
-    /// What materials do above their knee, by region.
-    pub(super) laws: Vec<(Option<i32>, Stiffening)>,
+    regions: Regions,
+    /// What each region is made of.
+    pub(super) made: BTreeMap<i32, Made>,
     pub(super) fixes: Vec<Fix>,
-    pub(super) loads: Vec<Load>,
     /// The `[[fix]]` that each of the fixes stands in.
     pub(super) tables: Vec<usize>,
-    /// The `[[load]]` that each of the loads stands in.
-    pub(super) load_tables: Vec<usize>,
+    pub(super) loads: Loads,
     report_nodes: Vec<u32>,
     /// What is odd, though it can be solved.
     warnings: Vec<String>,
@@ -42,8 +46,39 @@ pub struct Problem {
 pub struct Solved {
     /// The state at the end.
     pub solution: Solution,
+    /// Strain and stress then, where they were asked for.
+    pub fields: Option<Fields>,
     /// What led there.
     pub history: Option<History>,
+}
+
+/// Numbers and names of the regions of a mesh.
+#[derive(Clone, Debug)]
+pub(super) struct Regions(BTreeMap<i32, String>, Names<i32>);
+
+impl Regions {
+    fn new(mesh: &TetMesh, names: BTreeMap<i32, String>) -> Self {
+        let mut all = mesh.regions().to_vec();
+        all.sort_unstable();
+        all.dedup();
+        let name = |region: i32| {
+            (
+                region,
+                i64::from(region),
+                names.get(&region).cloned().into_iter().collect(),
+            )
+        };
+        let known = Names::new(all.into_iter().map(name));
+        Regions(names, known)
+    }
+
+    /// A region for a message.
+    pub fn called(&self, region: i32) -> String {
+        match self.0.get(&region) {
+            Some(name) => format!("region {region} \"{name}\""),
+            None => format!("region {region}"),
+        }
+    }
 }
 
 impl ProblemFile {
@@ -53,12 +88,11 @@ impl ProblemFile {
     /// [`StaticsError`], with the key and its place in the file.
     pub fn resolve(self, base_dir: &Path) -> Result<Problem, StaticsError> {
         let started = Instant::now();
-        let mut warnings = Vec::new();
+        let mut warnings = self.source.as_ref().map_or_else(Vec::new, |source| source.renamed());
         self.check_course()?;
-        let materials = self.materials()?;
-        let laws = self.laws()?;
         let options = ReadOptions {
-            region: self.region.as_deref(),
+            region: self.region_array.as_deref(),
+            unit: self.mesh_unit,
             ..ReadOptions::default()
         };
         let read = read_mesh(&base_dir.join(&self.mesh), &options).map_err(|error| self.fault("mesh", error))?;
@@ -67,27 +101,22 @@ impl ProblemFile {
         let quality = Quality::of(&mesh, mesh.nodes());
         quality.usable().map_err(|error| self.fault("mesh", error))?;
         warnings.extend(odd_in_mesh(&quality));
-        for region in materials
-            .named_regions()
-            .filter(|region| !mesh.regions().contains(region))
-        {
-            warnings.push(format!(
-                "the mesh has no region {region}, for which there is a material"
-            ));
-        }
-        let (fixes, tables) = self.fixes(&mesh, &mut warnings)?;
-        let (loads, load_tables) = self.loads(&mesh)?;
-        if loads.iter().all(|load| load.force_n == [0.0; 3]) && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
+        let regions = Regions::new(&mesh, read.region_names);
+        let made = self.materials(&mesh, &regions)?;
+        let (fixes, tables) = self.fixes(&mesh, &regions, &mut warnings)?;
+        let loads = self.loads(&mesh, &regions, &made)?;
+        let unloaded = loads.forces.iter().all(|applied| applied.load.force_n == [0.0; 3]);
+        if unloaded && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
             warnings.push("no force and no displacement is given: nothing moves".to_owned());
         }
+        let nodes = mesh.nodes().len();
         Ok(Problem {
-            materials,
-            laws,
+            made,
+            regions,
             fixes,
-            loads,
             tables,
-            load_tables,
-            report_nodes: self.numbered("report_nodes", &self.report_nodes, mesh.nodes().len())?,
+            loads,
+            report_nodes: numbered("report_nodes", &self.report_nodes, nodes).map_err(|odd| self.odd(odd))?,
             warnings,
             read_seconds: started.elapsed().as_secs_f64(),
             mesh,
@@ -95,51 +124,38 @@ impl ProblemFile {
         })
     }
 
-    fn materials(&self) -> Result<Materials, StaticsError> {
-        if self.material.is_empty() {
-            return Err(self.wrong_keys("material".to_owned(), "no `[[material]]`", "at least one"));
-        }
-        let (mut default, mut by_region) = (None, Vec::new());
-        for (at, spec) in self.material.iter().enumerate() {
-            let material = self.material_of(at, spec)?;
-            match spec.region {
-                Some(region) => by_region.push((region, material)),
-                None if default.is_none() => default = Some(material),
-                None => {
-                    let found = "a second material without `region`";
-                    return Err(self.wrong_keys(
-                        format!("material[{at}]"),
-                        found,
-                        "one at most, for all other regions",
-                    ));
-                }
-            }
-        }
-        Materials::new(default, &by_region).map_err(|error| {
-            let twice = |region: i32| self.material.iter().rposition(|spec| spec.region == Some(region));
-            let at = match &error {
-                MaterialsError::Twice { region, .. } => twice(*region),
-                MaterialsError::Missing { .. } => None,
-            };
-            self.fault(
-                at.map_or("material".to_owned(), |at| format!("material[{at}].region")),
-                error,
-            )
+    /// The numbers of the regions that a name means.
+    pub(super) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, StaticsError> {
+        regions.1.find(name).map_err(|error| {
+            let help = error.help();
+            self.fault(key, error).with_help(help)
         })
     }
 
-    pub(super) fn material_of(&self, at: usize, spec: &MaterialSpec) -> Result<Material, StaticsError> {
-        Material::new(spec.young_kpa, spec.poisson)
-            .map_err(|error| self.fault(format!("material[{at}].{}", error.key()), error))
+    /// The same of the `region` of a table, if it has one.
+    pub(super) fn chosen(
+        &self,
+        table: &str,
+        name: Option<&RegionName>,
+        regions: &Regions,
+    ) -> Result<Option<Vec<i32>>, StaticsError> {
+        let numbers = name.map(|name| self.regions(&format!("{table}.region"), name, regions));
+        numbers.transpose()
     }
 
     /// Fixes, and the table that each comes from.
-    fn fixes(&self, mesh: &TetMesh, warnings: &mut Vec<String>) -> Result<(Vec<Fix>, Vec<usize>), StaticsError> {
+    fn fixes(
+        &self,
+        mesh: &TetMesh,
+        regions: &Regions,
+        warnings: &mut Vec<String>,
+    ) -> Result<(Vec<Fix>, Vec<usize>), StaticsError> {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
         for (at, spec) in self.fix.iter().enumerate() {
             let table = format!("fix[{at}]");
-            let axes = self.axes(&table, &spec.axes)?;
-            self.finite(&format!("{table}.displacement_mm"), &spec.displacement_mm)?;
+            let axes = axes(&table, &spec.axes).map_err(|odd| self.odd(odd))?;
+            let key = format!("{table}.displacement_mm");
+            self.vector(&key, &spec.displacement_mm, FARTHEST, "a finite number, -1e6 to 1e6 mm")?;
             for axis in (0..3u8).filter(|axis| !axes.contains(axis) && spec.displacement_mm[*axis as usize] != 0.0) {
                 let (axis, given) = (AXES[axis as usize], spec.displacement_mm[axis as usize]);
                 warnings.push(format!(
@@ -147,7 +163,14 @@ impl ProblemFile {
                     spec.axes
                 ));
             }
-            for node in self.select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes())? {
+            let numbers = self.chosen(&table, spec.region.as_ref(), regions)?;
+            let choice = Choice {
+                nodes: spec.nodes.as_deref(),
+                box_mm: spec.box_mm.as_ref(),
+                regions: numbers.as_deref(),
+                surface: spec.surface,
+            };
+            for node in choice.select(&table, mesh).map_err(|odd| self.odd(odd))? {
                 fixes.extend(axes.iter().map(|&axis| Fix {
                     node,
                     axis,
@@ -157,23 +180,6 @@ impl ProblemFile {
             tables.resize(fixes.len(), at);
         }
         Ok((fixes, tables))
-    }
-
-    /// Loads, and the table that each comes from.
-    fn loads(&self, mesh: &TetMesh) -> Result<(Vec<Load>, Vec<usize>), StaticsError> {
-        let (mut loads, mut tables) = (Vec::new(), Vec::new());
-        for (at, spec) in self.load.iter().enumerate() {
-            let table = format!("load[{at}]");
-            self.finite(&format!("{table}.force_n"), &spec.force_n)?;
-            let nodes = self.select(&table, spec.nodes.as_deref(), spec.box_mm.as_ref(), mesh.nodes())?;
-            let load = |node| Load {
-                node,
-                force_n: spec.force_n,
-            };
-            loads.extend(nodes.into_iter().map(load));
-            tables.resize(loads.len(), at);
-        }
-        Ok((loads, tables))
     }
 }
 
@@ -227,21 +233,24 @@ impl Problem {
         self.read_seconds
     }
 
-    /// Solves it.
+    /// Solves it, with strain and stress at the end where `fields` asks for them: of viscoelastic tissue whose loads are remembered
+    /// they take a history of their own.
     ///
     /// # Errors
     /// [`StaticsError`], with the key that is to blame.
-    pub fn solve(&self) -> Result<Solved, StaticsError> {
-        if self.file.model == Model::Linear {
-            return Ok(Solved {
-                solution: self.linear()?,
-                history: None,
-            });
+    pub fn solve(&self, fields: bool) -> Result<Solved, StaticsError> {
+        if self.file.model != Model::Linear {
+            return self.run(fields);
         }
-        let (solution, history) = self.run()?;
+        let solution = self.linear()?;
+        let fields = fields.then(|| {
+            let displacement = solution.displacement_mm.as_flattened();
+            Ok(Fields::of(&self.body()?, displacement, displacement))
+        });
         Ok(Solved {
             solution,
-            history: Some(history),
+            fields: fields.transpose()?,
+            history: None,
         })
     }
 
@@ -254,11 +263,34 @@ impl Problem {
     pub(super) fn linear(&self) -> Result<Solution, StaticsError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
-            materials: self.materials.clone(),
+            materials: self.linear_materials()?,
             fixes: self.fixes.clone(),
-            loads: self.loads.clone(),
+            loads: self.loads.forces.iter().map(|applied| applied.load).collect(),
         };
         problem.solve().map_err(|error| self.blame(error))
+    }
+
+    fn linear_materials(&self) -> Result<Materials, StaticsError> {
+        let made = self.made.iter();
+        let materials: Vec<_> = made.map(|(region, made)| (*region, *made.law.material())).collect();
+        Materials::new(None, &materials).map_err(|error| self.blame(error.into()))
+    }
+
+    /// The sum of the forces of each `[[load]]`, N.
+    pub fn load_n(&self) -> Vec<[f64; 3]> {
+        (0..self.file.load.len())
+            .map(|table| self.loads.sum_n(Some(table)))
+            .collect()
+    }
+
+    /// The area of the surface that each `[[load]]` acts on, mm^2; 0 of forces on nodes.
+    pub fn load_area_mm2(&self) -> &[f64] {
+        &self.loads.area_mm2
+    }
+
+    /// The weight of all tissue, N, where gravity pulls on it.
+    pub fn weight_n(&self) -> Option<[f64; 3]> {
+        self.file.gravity_m_per_s2.map(|_| self.loads.sum_n(None))
     }
 
     /// The force that each `[[fix]]` puts on the mesh, in sum, N; what two hold counts for the first.
@@ -288,13 +320,21 @@ impl Problem {
     fn blame(&self, error: SolveError) -> StaticsError {
         let key = match &error {
             SolveError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
-            SolveError::Materials(_) => "material".to_owned(),
             SolveError::Rigid(RigidError::FreeParts { .. }) => "fix".to_owned(),
             SolveError::Assembly(_) | SolveError::Rigid(RigidError::LooseNodes { .. }) => "mesh".to_owned(),
+            // Displacements and forces are within bounds.
+            SolveError::Materials(_) | SolveError::Overflow => "material".to_owned(),
             // Numbers of nodes and axes are right here; what is left concerns all of the problem.
             _ => return StaticsError::new(Wrong::Solve(error)),
         };
-        self.file.fault(key, error)
+        match error {
+            SolveError::Rigid(error) => {
+                let help = "`region = \"NAME\"` or `region = NUMBER` in a [[fix]] holds all nodes of a region";
+                let error = SolveError::Rigid(error.named(&self.regions.0));
+                self.file.fault(key, error).with_help(Some(help.to_owned()))
+            }
+            error => self.file.fault(key, error),
+        }
     }
 
     /// The fix that gives a displacement another value than one before it.

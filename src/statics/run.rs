@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use super::course::{Model, Moment};
 use super::error::{StaticsError, Wrong};
-use super::file::ProblemFile;
-use super::resolve::Problem;
+use super::fields::Fields;
+use super::resolve::{Problem, Solved};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
-use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Stiffening, Structure, Supports};
+use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structure, Supports};
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 
@@ -59,7 +59,7 @@ impl Problem {
     ///
     /// # Errors
     /// [`StaticsError`], with the key that is to blame and the time that was come to.
-    pub(super) fn run(&self) -> Result<(Solution, History), StaticsError> {
+    pub(super) fn run(&self, fields: bool) -> Result<Solved, StaticsError> {
         let started = Instant::now();
         // The linear problem at full loads meets every fault that is not one of the history.
         let linear = self.linear()?;
@@ -79,15 +79,18 @@ impl Problem {
         };
         let (loads, held) = given.at(&moments[0]);
         let at_start = |error: CreepError| self.fault_at(0.0, error);
-        let options = self.file.nonlinear.unwrap_or_default().options();
-        let solver = Solver::new(body, supports, options).map_err(|error| at_start(error.into()))?;
+        let options = self.file.solver.unwrap_or_default().options();
+        let solver = Solver::new(Arc::clone(&body), supports, options).map_err(|error| at_start(error.into()))?;
         let factored = started.elapsed().as_secs_f64();
         let mut history = History::default();
         let mut runner = match self.file.model {
             Model::Viscoelastic => {
-                let viscosity = self.file.viscoelastic.unwrap_or_default();
-                let (memory, rule) = (Memory::from(viscosity.law), viscosity.rule(&moments));
-                let creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
+                let viscosity = self.file.viscosity.unwrap_or_default();
+                let (memory, rule) = (Memory::from(viscosity.memory), viscosity.rule(&moments));
+                let mut creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
+                if fields {
+                    creep.follow_stress(viscosity.order, rule).map_err(at_start)?;
+                }
                 let runner = Structure::Viscous(Box::new(creep));
                 self.note(&mut history, &runner, 0.0, &loads, &Progress::default());
                 runner
@@ -127,21 +130,23 @@ impl Problem {
                 solve: started.elapsed().as_secs_f64() - factored,
             },
         };
-        Ok((solution, history))
+        let displacement = runner.displacement();
+        let fields = fields.then(|| match &runner {
+            Structure::Elastic(_) => Fields::of(&body, displacement, displacement),
+            Structure::Viscous(creep) => Fields::with(&body, displacement, creep.stress_kpa().unwrap_or_default()),
+        });
+        Ok(Solved {
+            solution,
+            fields,
+            history: Some(history),
+        })
     }
 
     /// The body of the mesh, with what the materials say of its regions.
-    fn body(&self) -> Result<Solid, StaticsError> {
-        let laws: BTreeMap<Option<i32>, Stiffening> = self.laws.iter().copied().collect();
-        let law = |region: &i32| {
-            let own = laws.get(&Some(*region)).or(laws.get(&None));
-            // Every region has a material: the linear problem was solved.
-            own.copied().ok_or_else(|| {
-                let found = format!("no material for region {region}");
-                self.file.wrong_keys("material".to_owned(), found, "one")
-            })
-        };
-        let laws = self.mesh().regions().iter().map(law).collect::<Result<Vec<_>, _>>()?;
+    pub(super) fn body(&self) -> Result<Solid, StaticsError> {
+        // Every region has a material.
+        let laws = self.mesh().regions().iter().filter_map(|region| self.made.get(region));
+        let laws: Vec<_> = laws.map(|made| made.law).collect();
         Body::tetrahedra(self.mesh(), &laws).map_err(|error| self.file.fault("mesh", error))
     }
 
@@ -192,10 +197,10 @@ impl Problem {
 
     fn fault_at(&self, time_s: f64, cause: CreepError) -> StaticsError {
         let key = match &cause {
-            CreepError::History(HistoryError::Order { .. }) => "viscoelastic.order",
-            CreepError::History(HistoryError::Uneven { .. }) => "viscoelastic.rule",
+            CreepError::History(HistoryError::Order { .. }) => "viscosity.order",
+            CreepError::History(HistoryError::Uneven { .. }) => "viscosity.rule",
             CreepError::History(_) | CreepError::Displaced => "history",
-            CreepError::Nonlinear(_) if self.file.nonlinear.is_some() => "nonlinear",
+            CreepError::Nonlinear(_) if self.file.solver.is_some() => "solver",
             CreepError::Nonlinear(_) if self.file.history.is_some() => "history.step_s",
             CreepError::Nonlinear(_) => "model",
         };
@@ -216,21 +221,21 @@ impl Given<'_> {
             fixes,
             tables,
             loads,
-            load_tables,
             ..
         } = self.problem;
         let course = file.course();
-        let factor = |own: &Option<Vec<f64>>| moment.of(own.as_ref().unwrap_or(&course.factor));
+        let factor = |own: Option<&Vec<f64>>| moment.of(own.unwrap_or(&course.factor));
         let mut forces = vec![0.0; self.supports.all()];
-        for (load, &table) in loads.iter().zip(load_tables) {
-            let factor = factor(&file.load[table].factor);
-            for (axis, force) in load.force_n.iter().enumerate() {
-                forces[3 * load.node as usize + axis] += factor * force;
+        for applied in &loads.forces {
+            let factor = factor(applied.table.and_then(|table| file.load[table].factor.as_ref()));
+            for (axis, force) in applied.load.force_n.iter().enumerate() {
+                forces[3 * applied.load.node as usize + axis] += factor * force;
             }
         }
         let mut places = vec![0.0; self.supports.all()];
         for (fix, &table) in fixes.iter().zip(tables) {
-            places[3 * fix.node as usize + fix.axis as usize] = factor(&file.fix[table].factor) * fix.displacement_mm;
+            places[3 * fix.node as usize + fix.axis as usize] =
+                factor(file.fix[table].factor.as_ref()) * fix.displacement_mm;
         }
         let held = self
             .supports
@@ -239,35 +244,5 @@ impl Given<'_> {
             .map(|dof| places[*dof as usize])
             .collect();
         (forces, held)
-    }
-}
-
-impl ProblemFile {
-    /// The law of each material, by its region.
-    pub(super) fn laws(&self) -> Result<Vec<(Option<i32>, Stiffening)>, StaticsError> {
-        let mut laws = Vec::new();
-        for (at, spec) in self.material.iter().enumerate() {
-            let key = |name: &str| format!("material[{at}].{name}");
-            let material = self.material_of(at, spec)?;
-            let law = match (spec.knee_strain, spec.stiffening) {
-                (None, None) => Stiffening::linear(material),
-                (knee, _) if self.model == Model::Linear => {
-                    let name = if knee.is_some() { "knee_strain" } else { "stiffening" };
-                    let found = format!("`{name}` beside `model = \"linear\"`");
-                    return Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"));
-                }
-                (Some(knee), Some(rate)) => {
-                    Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(error.key), error))?
-                }
-                (Some(_), None) => {
-                    return Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"));
-                }
-                (None, Some(_)) => {
-                    return Err(self.wrong_keys(key("stiffening"), "`stiffening` alone", "`knee_strain` beside it"));
-                }
-            };
-            laws.push((spec.region, law));
-        }
-        Ok(laws)
     }
 }

@@ -1,61 +1,74 @@
 //! Which nodes a fix or a load means.
 
-use super::error::{StaticsError, Wrong};
-use super::file::ProblemFile;
+use super::error::Wrong;
+use crate::mechanics::mesh::TetMesh;
 
 /// What is wrong with a choice of nodes or axes, and the key that it is about.
 pub(crate) type Odd = Box<(String, Wrong)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
-impl ProblemFile {
-    /// The nodes that a table picks, of those at `positions`; `table` is its key.
-    pub(super) fn select(
-        &self,
-        table: &str,
-        nodes: Option<&[i64]>,
-        box_mm: Option<&[[f64; 3]; 2]>,
-        positions: &[[f64; 3]],
-    ) -> Result<Vec<u32>, StaticsError> {
-        select(table, nodes, box_mm, positions).map_err(|odd| self.fault(odd.0, odd.1))
-    }
+/// What a table says of the nodes that it means: some by number, or all within a box, of regions and on the surface, as far as it
+/// says so.
+#[derive(Debug)]
+pub(crate) struct Choice<'a> {
+    pub nodes: Option<&'a [i64]>,
+    pub box_mm: Option<&'a [[f64; 3]; 2]>,
+    /// Numbers of regions.
+    pub regions: Option<&'a [i32]>,
+    /// Of the surface of the mesh, or of these regions where they lie on it.
+    pub surface: bool,
+}
 
-    /// Node numbers, checked.
-    pub(super) fn numbered(&self, key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, StaticsError> {
-        numbered(key, nodes, of).map_err(|odd| self.fault(odd.0, odd.1))
-    }
-
-    /// Checks that a vector is finite.
-    pub(super) fn finite(&self, key: &str, vector: &[f64; 3]) -> Result<(), StaticsError> {
-        match first(vector, |x| !x.is_finite()) {
-            Some((at, found)) => {
-                let expected = "a finite number";
-                Err(self.fault(format!("{key}[{at}]"), Wrong::Number { found, expected }))
-            }
-            None => Ok(()),
+impl Choice<'_> {
+    /// The nodes, ascending unless by number; `table` is the key of the table.
+    pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
+        let others = self.box_mm.is_some() || self.regions.is_some() || self.surface;
+        let expected = "`nodes`, or some of `box_mm`, `region` and `surface`";
+        match self.nodes {
+            Some(_) if others => Err(keys(table.to_owned(), "`nodes` beside another choice", expected)),
+            Some([]) => Err(keys(format!("{table}.nodes"), "no nodes", "at least one")),
+            Some(nodes) => numbered(&format!("{table}.nodes"), nodes, mesh.nodes().len()),
+            None if others => self.everywhere(table, mesh),
+            None => Err(keys(table.to_owned(), "no choice of nodes", expected)),
         }
     }
 
-    /// The axes of a table, checked.
-    pub(super) fn axes(&self, table: &str, letters: &str) -> Result<Vec<u8>, StaticsError> {
-        axes(table, letters).map_err(|odd| self.fault(odd.0, odd.1))
-    }
-}
-
-/// The nodes that a table picks, by number or by a box; `table` is its key.
-pub(crate) fn select(
-    table: &str,
-    nodes: Option<&[i64]>,
-    box_mm: Option<&[[f64; 3]; 2]>,
-    positions: &[[f64; 3]],
-) -> Result<Vec<u32>, Odd> {
-    let expected = "`nodes` or `box_mm`";
-    match (nodes, box_mm) {
-        (Some([]), None) => Err(keys(format!("{table}.nodes"), "no nodes", "at least one")),
-        (Some(nodes), None) => numbered(&format!("{table}.nodes"), nodes, positions.len()),
-        (None, Some(corners)) => in_box(&format!("{table}.box_mm"), corners, positions),
-        (None, None) => Err(keys(table.to_owned(), "neither `nodes` nor `box_mm`", expected)),
-        (Some(_), Some(_)) => Err(keys(table.to_owned(), "both `nodes` and `box_mm`", expected)),
+    fn everywhere(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
+        let mut picked = vec![self.regions.is_none() && !self.surface; mesh.nodes().len()];
+        let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
+        let of = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
+        if self.surface {
+            let faces = mesh.surface().filter(|face| of(face.region));
+            faces.for_each(|face| pick(&face.nodes));
+        } else if self.regions.is_some() {
+            let elements = mesh.elements().iter().zip(mesh.regions());
+            let elements = elements.filter(|(_, region)| of(**region));
+            elements.for_each(|(corners, _)| pick(corners));
+        }
+        if !picked.contains(&true) {
+            let (found, expected) = match self.surface {
+                true => ("no node on the surface", "a region on the surface of the mesh"),
+                false => ("no node of this region", "a region that has elements in the mesh"),
+            };
+            return Err(keys(table.to_owned(), found, expected));
+        }
+        if let Some(corners) = self.box_mm {
+            let key = format!("{table}.box_mm");
+            let [low, high] = ordered(&key, corners)?;
+            let held = picked.clone();
+            for (picked, position) in picked.iter_mut().zip(mesh.nodes()) {
+                *picked &= (0..3).all(|axis| low[axis] <= position[axis] && position[axis] <= high[axis]);
+            }
+            if !picked.contains(&true) {
+                let nodes = held.iter().zip(mesh.nodes());
+                let positions = nodes.filter(|(held, _)| **held).map(|(_, position)| *position);
+                let expected = format!("a box that holds at least one of the nodes{}", extent(positions));
+                return Err(keys(key, "no node in this box", expected));
+            }
+        }
+        let nodes = (0..).zip(picked).filter(|(_, picked)| *picked);
+        Ok(nodes.map(|(node, _)| node).collect())
     }
 }
 
@@ -78,7 +91,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> O
     Box::new((key, Wrong::Keys { found, expected }))
 }
 
-fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
+pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
         _ => Err(Box::new((format!("{key}[{at}]"), Wrong::Node { found, nodes: of }))),
@@ -101,31 +114,19 @@ pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2
     ])
 }
 
-fn in_box(key: &str, corners: &[[f64; 3]; 2], positions: &[[f64; 3]]) -> Result<Vec<u32>, Odd> {
-    let [low, high] = ordered(key, corners)?;
-    let inside = |position: &[f64; 3]| (0..3).all(|axis| low[axis] <= position[axis] && position[axis] <= high[axis]);
-    let picked: Vec<u32> = (0..positions.len() as u32)
-        .filter(|node| inside(&positions[*node as usize]))
-        .collect();
-    if picked.is_empty() {
-        let expected = format!("a box that holds at least one of the mesh's nodes{}", extent(positions));
-        return Err(keys(key.to_owned(), "no node in this box", expected));
-    }
-    Ok(picked)
-}
-
 fn first(numbers: &[f64], wrong: impl Fn(f64) -> bool) -> Option<(usize, f64)> {
     numbers.iter().copied().enumerate().find(|(_, number)| wrong(*number))
 }
 
-/// Where the nodes are, in words.
-fn extent(positions: &[[f64; 3]]) -> String {
-    let along = |axis: usize| {
-        let all = positions.iter().map(|position| position[axis]);
-        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-            (low.min(x), high.max(x))
-        });
-        format!("{low} to {high} mm along {}", ["x", "y", "z"][axis])
-    };
+/// Where nodes are, in words.
+fn extent(positions: impl Iterator<Item = [f64; 3]>) -> String {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for position in positions {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(position[axis]);
+            high[axis] = high[axis].max(position[axis]);
+        }
+    }
+    let along = |axis: usize| format!("{} to {} mm along {}", low[axis], high[axis], AXES[axis]);
     format!(", which lie from {}, {}, {}", along(0), along(1), along(2))
 }

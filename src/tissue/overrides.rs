@@ -54,11 +54,11 @@ pub struct TissueOverride {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poisson: Option<f64>,
     /// Friction of a needle shaft, N/mm, 0 to 10.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub needle_friction_n_mm: Option<f64>,
+    #[serde(default, alias = "needle_friction_n_mm", skip_serializing_if = "Option::is_none")]
+    pub friction_n_per_mm: Option<f64>,
     /// Force to cut it with a needle tip, N, 0 to 1000.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cutting_force_n: Option<f64>,
+    #[serde(default, alias = "cutting_force_n", skip_serializing_if = "Option::is_none")]
+    pub cutting_n: Option<f64>,
     /// Whether a probe placed without instructions may be aimed at it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub soft_organ: Option<bool>,
@@ -164,8 +164,8 @@ impl TissueOverride {
             impedance_mrayl: self.impedance_mrayl.unwrap_or(base.impedance_mrayl),
             young_kpa: self.young_kpa.unwrap_or(base.young_kpa),
             poisson: self.poisson.unwrap_or(base.poisson),
-            needle_friction_n_mm: self.needle_friction_n_mm.unwrap_or(base.needle_friction_n_mm),
-            cutting_force_n: self.cutting_force_n.unwrap_or(base.cutting_force_n),
+            friction_n_per_mm: self.friction_n_per_mm.unwrap_or(base.friction_n_per_mm),
+            cutting_n: self.cutting_n.unwrap_or(base.cutting_n),
             soft_organ: self.soft_organ.unwrap_or(base.soft_organ),
         };
         check(&tissue, &self.name)?;
@@ -201,14 +201,8 @@ pub(super) fn check(tissue: &Tissue, name: &str) -> Result<(), TissueError> {
         ),
         ("young_kpa", tissue.young_kpa, 0.001, 1e8, "0.001 to 1e8 kPa"),
         ("poisson", tissue.poisson, 0.0, 0.4999, "0 to 0.4999"),
-        (
-            "needle_friction_n_mm",
-            tissue.needle_friction_n_mm,
-            0.0,
-            10.0,
-            "0 to 10 N/mm",
-        ),
-        ("cutting_force_n", tissue.cutting_force_n, 0.0, 1000.0, "0 to 1000 N"),
+        ("friction_n_per_mm", tissue.friction_n_per_mm, 0.0, 10.0, "0 to 10 N/mm"),
+        ("cutting_n", tissue.cutting_n, 0.0, 1000.0, "0 to 1000 N"),
     ];
     for (key, found, low, high, expected) in numbers {
         if !(low..=high).contains(&found) {
@@ -276,8 +270,8 @@ mod tests {
             ("impedance_mrayl", "nan"),
             ("young_kpa", "0.0"),
             ("poisson", "0.5"),
-            ("needle_friction_n_mm", "inf"),
-            ("cutting_force_n", "-1.0"),
+            ("friction_n_per_mm", "inf"),
+            ("cutting_n", "-1.0"),
         ] {
             let error = parse(&format!("name = \"liver\"\n{key} = {bad}")).apply().unwrap_err();
             assert_eq!(error.key(), key);

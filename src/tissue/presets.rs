@@ -64,8 +64,8 @@ const fn row(
         impedance_mrayl: acoustics[3],
         young_kpa: mechanics[0],
         poisson: mechanics[1],
-        needle_friction_n_mm: mechanics[2],
-        cutting_force_n: mechanics[3],
+        friction_n_per_mm: mechanics[2],
+        cutting_n: mechanics[3],
         soft_organ: false,
     }
 }

@@ -99,6 +99,12 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
         let instead = "convert it to NIfTI, NRRD or MetaImage";
         return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
     }
+    const MESHES: [&[u8]; 4] = [b"$MeshFormat", b"# vtk DataFile", b"<VTKFile", b"<?xml"];
+    if MESHES.iter().any(|first| start.starts_with(first)) {
+        let instead = "give a volume of labels; `insonify mesh info` looks into a mesh, and `mesh = \"FILE\"` in a file for `solve` or \
+                       `insert` calculates on it as it is";
+        return Err(VolumeError::unsupported(path, At::Byte(0), "a mesh", instead));
+    }
     let found = if start.is_empty() {
         "an empty file".to_owned()
     } else {

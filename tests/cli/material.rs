@@ -127,7 +127,7 @@ fn wrong_cases_are_refused() {
     refused(&CREEP.replace("spring-pot", "zener"), 1, &["without `modulus_inf_kpa`"]);
     refused(&CREEP.replace("\"stress\"", "\"load\""), 6, &["load", "stress"]);
     refused(
-        &CREEP.replace("[history]", "knee_strain = 0.3\n[history]"),
+        &CREEP.replace("[history]", "knee_shear = 0.3\n[history]"),
         5,
         &["without `stiffening`"],
     );
@@ -156,7 +156,7 @@ fn wrong_arguments_are_status_2() {
 #[test]
 fn the_schema_names_every_key() {
     let schema = Bench::new().run("schema material").json();
-    let keys = "law order modulus_kpa modulus_inf_kpa tau_s knee_strain stiffening structure rule history";
+    let keys = "law order modulus_kpa modulus_inf_kpa tau_s knee_shear stiffening memory rule history";
     for key in keys.split(' ') {
         assert!(schema["properties"][key].is_object(), "{key}");
     }

@@ -1,4 +1,4 @@
-//! Tetrahedral meshes in files. The format is told by the contents; coordinates are taken as millimetres.
+//! Tetrahedral meshes in files. The format is told by the contents; coordinates are millimetres unless another [`Unit`] is given.
 //!
 //! | module | what it reads and writes |
 //! |---|---|
@@ -13,6 +13,9 @@ pub mod vtk;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::TetMesh;
 use crate::{memory, read};
 pub use error::MeshFileError;
@@ -25,6 +28,33 @@ pub const DISPLACEMENT: &str = "displacement";
 /// Memory for an element of a mesh and what is found out about it, beside its part of the file, about.
 const BYTES_PER_ELEMENT: u64 = 256;
 
+/// The length that a coordinate of 1 stands for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Unit {
+    /// A millimetre.
+    #[default]
+    Mm,
+    /// A centimetre.
+    Cm,
+    /// A metre.
+    M,
+}
+
+impl Unit {
+    /// Millimetres in it.
+    const fn mm(self) -> f64 {
+        match self {
+            Unit::Mm => 1.0,
+            Unit::Cm => 10.0,
+            Unit::M => 1000.0,
+        }
+    }
+}
+
+/// Longest side of a mesh in millimetres below which it is taken for one in metres, mm.
+const METRES: f64 = 1.0;
+
 /// Which arrays to read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions<'a> {
@@ -36,6 +66,8 @@ pub struct ReadOptions<'a> {
     /// Of a Gmsh file the names are `gmsh:physical` (the first physical group, and the volume where there is none; also taken
     /// without a name) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
+    /// The unit of coordinates and displacements.
+    pub unit: Unit,
 }
 
 /// What a mesh file holds.
@@ -109,16 +141,30 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
         memory::check(BYTES_PER_ELEMENT * parts.elements.len() as u64, "a mesh")?;
         Ok(parts)
     });
-    let parts = parts.map_err(|fault| fault.locate(bytes, path))?;
+    let mut parts = parts.map_err(|fault| fault.locate(bytes, path))?;
+    if options.unit != Unit::Mm {
+        let vectors = parts.nodes.iter_mut().chain(parts.displacements.iter_mut().flatten());
+        vectors.flatten().for_each(|x| *x *= options.unit.mm());
+    }
     let mesh = TetMesh::new(parts.nodes, parts.elements, parts.regions).map_err(|source| MeshFileError::Mesh {
         path: path.to_owned(),
         source,
     })?;
+    parts.warnings.extend(small(&mesh));
     Ok(MeshFile {
         mesh,
         displacements: parts.displacements,
         skipped_cells: parts.skipped_cells,
         region_names: parts.region_names,
         warnings: parts.warnings,
+    })
+}
+
+/// A warning about a mesh whose coordinates seem to be metres.
+fn small(mesh: &TetMesh) -> Option<String> {
+    let [low, high] = mesh.bounds();
+    let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    (longest < METRES).then(|| {
+        format!("the mesh is {longest:.3} mm long at most; if its coordinates are metres, state the unit: `mesh_unit = \"m\"`")
     })
 }

@@ -192,6 +192,9 @@ impl StaticProblem<'_> {
         for (load, holding) in forces.iter_mut().zip(holding) {
             *load = std::array::from_fn(|axis| holding[axis] - load[axis]);
         }
+        if displacements.iter().chain(&forces).flatten().any(|x| !x.is_finite()) {
+            return Err(SolveError::Overflow);
+        }
         let reaction = |(node, axis): (u32, u8)| Reaction {
             node,
             axis,

@@ -7,7 +7,7 @@
 mod motion;
 mod parts;
 
-use std::fmt;
+use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -31,7 +31,9 @@ pub struct FreePart {
     pub regions: Vec<i32>,
     /// How many nodes it has.
     pub nodes: usize,
-    /// The lowest of them.
+    /// Its volume, ml.
+    pub volume_ml: f64,
+    /// The lowest of its nodes.
     pub example: u32,
     /// Its free motions, none a combination of the others.
     pub motions: Vec<Motion>,
@@ -48,15 +50,29 @@ pub enum RigidError {
         nodes: Vec<u32>,
     },
     /// Parts that can move rigidly.
-    #[error("the fixed nodes leave rigid motion free: {}; fix more displacements", sentences(.parts))]
+    #[error("{}; fix nodes of {}", sentences(.parts, .names), if .parts.len() == 1 { "it" } else { "each" })]
     FreeParts {
         /// The parts, in the order of their lowest elements.
         parts: Vec<FreePart>,
+        /// Names of regions, where they have any.
+        names: BTreeMap<i32, String>,
     },
+}
+
+impl RigidError {
+    /// The same error with names for regions.
+    pub fn named(mut self, called: &BTreeMap<i32, String>) -> Self {
+        if let RigidError::FreeParts { names, .. } = &mut self {
+            names.clone_from(called);
+        }
+        self
+    }
 }
 
 /// How many of a long list a message names.
 const NAMED: usize = 8;
+/// The same of parts, of which each needs nodes to hold it.
+const PARTS: usize = 32;
 
 fn numbers(nodes: &[u32]) -> String {
     let mut named: Vec<String> = nodes.iter().take(NAMED).map(u32::to_string).collect();
@@ -66,27 +82,45 @@ fn numbers(nodes: &[u32]) -> String {
     named.join(", ")
 }
 
-fn sentences(parts: &[FreePart]) -> String {
-    let mut named: Vec<String> = parts.iter().take(NAMED).map(FreePart::to_string).collect();
-    if parts.len() > NAMED {
-        named.push(format!("and {} parts more", parts.len() - NAMED));
+fn sentences(parts: &[FreePart], names: &BTreeMap<i32, String>) -> String {
+    let mut named: Vec<String> = parts.iter().take(PARTS).map(|part| part.sentence(names)).collect();
+    if parts.len() > PARTS {
+        named.push(format!("and {} parts more", parts.len() - PARTS));
     }
-    named.join("; ")
+    let count = match parts.len() {
+        1 => "a part of the mesh".to_owned(),
+        count => format!("{count} parts of the mesh"),
+    };
+    format!(
+        "the fixed nodes leave rigid motion free in {count}: {}",
+        named.join("; ")
+    )
 }
 
-impl fmt::Display for FreePart {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let regions: Vec<String> = self.regions.iter().take(NAMED).map(i32::to_string).collect();
+impl FreePart {
+    fn sentence(&self, names: &BTreeMap<i32, String>) -> String {
+        let region = |region: &i32| match names.get(region) {
+            Some(name) => format!("region {region} \"{name}\""),
+            None => format!("region {region}"),
+        };
+        let regions: Vec<String> = self.regions.iter().take(NAMED).map(region).collect();
         let more = if self.regions.len() > NAMED { ", ..." } else { "" };
-        let word = if self.regions.len() == 1 { "region" } else { "regions" };
-        let motions: Vec<String> = self.motions.iter().map(Motion::to_string).collect();
-        write!(
-            f,
-            "the part with node {} ({} nodes, {word} {}{more}) has {}",
-            self.example,
-            self.nodes,
+        // The six that every body has need no list.
+        let motions = match self.motions.len() {
+            6 => "any translation or rotation".to_owned(),
+            _ => self
+                .motions
+                .iter()
+                .map(Motion::to_string)
+                .collect::<Vec<_>>()
+                .join(", "),
+        };
+        format!(
+            "{}{more} ({} nodes, {:.3} ml, node {}), {motions}",
             regions.join(", "),
-            motions.join(", ")
+            self.nodes,
+            self.volume_ml,
+            self.example
         )
     }
 }
@@ -119,6 +153,7 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), RigidError> {
     free.sort_by_key(|(part, _)| *part);
     Err(RigidError::FreeParts {
         parts: free.into_iter().map(|(_, free)| free).collect(),
+        names: BTreeMap::new(),
     })
 }
 
@@ -149,6 +184,7 @@ fn free_parts(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: 
                 FreePart {
                     regions: parts.regions(mesh, part),
                     nodes: nodes.len(),
+                    volume_ml: 1e-3 * parts.volume_mm3(mesh, part),
                     example: nodes[0],
                     motions,
                 },

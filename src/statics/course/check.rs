@@ -9,50 +9,46 @@ impl ProblemFile {
     pub(in super::super) fn check_course(&self) -> Result<(), StaticsError> {
         let linear = self.model == Model::Linear;
         let tables = [
-            ("nonlinear", self.nonlinear.is_some(), linear),
+            ("solver", self.solver.is_some(), linear),
             ("history", self.history.is_some(), linear),
-            (
-                "viscoelastic",
-                self.viscoelastic.is_some(),
-                self.model != Model::Viscoelastic,
-            ),
+            ("viscosity", self.viscosity.is_some(), self.model != Model::Viscoelastic),
         ];
         for (table, given, out_of_place) in tables {
             if given && out_of_place {
                 let found = format!("[{table}] beside `model = \"{}\"`", self.model.name());
-                let expected = if table == "viscoelastic" {
+                let expected = if table == "viscosity" {
                     "`model = \"viscoelastic\"`"
                 } else {
                     "`model = \"nonlinear\"` or `\"viscoelastic\"`"
                 };
-                return Err(self.wrong_keys(table.to_owned(), found, expected));
+                return Err(self.wrong_keys(table, found, expected));
             }
         }
         if self.model == Model::Viscoelastic && self.history.is_none() {
             let expected = "a [history] with `time_s`, `factor` and `step_s`";
-            return Err(self.wrong_keys("model".to_owned(), "viscoelastic tissue without a history", expected));
+            return Err(self.wrong_keys("model", "viscoelastic tissue without a history", expected));
         }
-        let solver = self.nonlinear.unwrap_or_default();
+        let solver = self.solver.unwrap_or_default();
         let number = |key: &str, found: f64, right: bool, expected| match right {
             true => Ok(()),
             false => Err(self.fault(key, Wrong::Number { found, expected })),
         };
         let (tolerance, iterations) = (solver.tolerance, f64::from(solver.iterations));
         number(
-            "nonlinear.tolerance",
+            "solver.tolerance",
             tolerance,
             tolerance > 0.0 && tolerance < 1.0,
             "above 0 and below 1",
         )?;
         number(
-            "nonlinear.iterations",
+            "solver.iterations",
             iterations,
             (1.0..=1000.0).contains(&iterations),
             "1 to 1000",
         )?;
-        let order = self.viscoelastic.unwrap_or_default().order;
+        let order = self.viscosity.unwrap_or_default().order;
         number(
-            "viscoelastic.order",
+            "viscosity.order",
             order,
             (0.0..=1.0).contains(&order),
             "0 (elastic) to 1 (viscous)",
@@ -89,7 +85,7 @@ impl ProblemFile {
         if factors.len() != course.time_s.len() {
             let found = format!("{} factors", factors.len());
             let expected = format!("one for each of the {} times", course.time_s.len());
-            return Err(self.wrong_keys(key.to_owned(), found, expected));
+            return Err(self.wrong_keys(key, found, expected));
         }
         self.list(key, factors, |_, factor| factor.is_finite(), "a finite number")
     }
@@ -98,7 +94,7 @@ impl ProblemFile {
         let times = &course.time_s;
         if times.len() < 2 {
             let found = format!("{} times", times.len());
-            return Err(self.wrong_keys("history.time_s".to_owned(), found, "two or more"));
+            return Err(self.wrong_keys("history.time_s", found, "two or more"));
         }
         let right = |at: usize, time: f64| match at {
             0 => time == 0.0,

@@ -79,6 +79,12 @@ pub enum FitError {
         /// As given.
         stress_kpa: f64,
     },
+    /// A model whose numbers leave the range of numbers.
+    #[error("the fit of {model} has no finite numbers; expected stretches and stresses as of a test of tissue")]
+    NotFinite {
+        /// The model.
+        model: &'static str,
+    },
     /// Stress of the other sign.
     #[error(
         "stress has the wrong sign: found {stress_kpa} kPa at stretch {stretch}; expected negative stress where stretch is below 1"
@@ -118,6 +124,13 @@ impl Fit {
             .into_iter()
             .map(|material| judged(samples, material, compression))
             .collect();
+        for model in &models {
+            let mut parameters = model.material.parameters().into_iter().map(|(_, value)| value);
+            if !(parameters.all(f64::is_finite) && model.r_squared.is_finite() && model.rms_kpa.is_finite()) {
+                let model = model.material.model();
+                return Err(FitError::NotFinite { model });
+            }
+        }
         let stretches = samples.iter().map(|sample| sample.stretch);
         let range = stretches.fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], x| {
             [low.min(x), high.max(x)]

@@ -197,6 +197,34 @@ impl<const D: usize, const N: usize> Body<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
+    /// The strain of each element under displacements (mm).
+    ///
+    /// # Panics
+    /// If there is not one entry a degree of freedom.
+    pub fn strains(&self, displacement: &[f64]) -> Vec<[[f64; D]; D]> {
+        let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
+            let own = corners.map(|node| vector(displacement, node));
+            cell.shape.strain(&own)
+        };
+        self.elements.iter().zip(&self.cells).map(strain).collect()
+    }
+
+    /// The stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`). They are the same of an
+    /// elastic body, and displacements and their rates of one with viscosity (see [`super::creep`]).
+    ///
+    /// # Panics
+    /// If there is not one entry a degree of freedom.
+    pub fn stresses_kpa(&self, displacement: &[f64], strained: &[f64]) -> Vec<[[f64; D]; D]> {
+        let relative = self.relative_strains(displacement).into_iter();
+        let elements = self.strains(strained).into_iter().zip(&self.cells).zip(relative);
+        let stress = |((strain, cell), relative): (([[f64; D]; D], &Cell<D, N>), f64)| {
+            let secant = cell.law.secant(relative);
+            let [lambda, mu] = cell.law.material().lame_kpa().map(|kpa| kpa * secant);
+            stress(lambda, mu, &strain)
+        };
+        elements.map(stress).collect()
+    }
+
     /// Forces that hold displacements `u`, and the response of each element: stress is E(e_r(u)) D epsilon(u - `offset`). Without
     /// an offset this is the elastic body; with one, a body whose stress is that of a rate (see [`super::creep`]).
     pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut [Response<D>]) {
@@ -279,14 +307,20 @@ impl<const D: usize, const N: usize> Cell<D, N> {
     /// Stress below the knee times volume, N mm.
     #[inline]
     fn stress(&self, strain: &[[f64; D]; D]) -> [[f64; D]; D] {
-        let pressure = self.lambda * (0..D).map(|i| strain[i][i]).sum::<f64>();
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                let shear = 2.0 * self.mu * strain[i][j];
-                if i == j { shear + pressure } else { shear }
-            })
-        })
+        stress(self.lambda, self.mu, strain)
     }
+}
+
+/// lambda tr(strain) I + 2 mu strain.
+#[inline]
+fn stress<const D: usize>(lambda: f64, mu: f64, strain: &[[f64; D]; D]) -> [[f64; D]; D] {
+    let pressure = lambda * (0..D).map(|i| strain[i][i]).sum::<f64>();
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| {
+            let shear = 2.0 * mu * strain[i][j];
+            if i == j { shear + pressure } else { shear }
+        })
+    })
 }
 
 #[inline]

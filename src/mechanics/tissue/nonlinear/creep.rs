@@ -39,6 +39,15 @@ pub struct Creep<const D: usize, const N: usize> {
     value: Vec<f64>,
     forces: Vec<f64>,
     contact: f64,
+    stress: Option<Stresses<D>>,
+}
+
+/// The stress of each element, kPa. Where loads are remembered so is stress: E(e_r) D epsilon is its integral, element by element.
+#[derive(Clone, Debug)]
+struct Stresses<const D: usize> {
+    now: Vec<[[f64; D]; D]>,
+    history: Option<Box<dyn History>>,
+    past: Vec<f64>,
 }
 
 /// Why a body with memory cannot go on.
@@ -86,8 +95,36 @@ impl<const D: usize, const N: usize> Creep<D, N> {
             value,
             forces,
             contact: 0.0,
+            stress: None,
             solver,
         })
+    }
+
+    /// Follows the stress in elements too, from the start on: with the rule and the order of the history, of which it takes D^2
+    /// numbers an element where loads are remembered.
+    ///
+    /// # Errors
+    /// [`CreepError`] after the start, or for an order or a rule that is none.
+    pub fn follow_stress(&mut self, order: f64, rule: Rule) -> Result<(), CreepError> {
+        if self.time_s() > 0.0 {
+            return Err(CreepError::Displaced);
+        }
+        let rate = self.solver.at_rest(&self.loads)?.0;
+        let rest = vec![0.0; rate.len()];
+        let now = self.solver.body().stresses_kpa(&rest, &rate);
+        let initial = now.as_flattened().as_flattened();
+        let history = match self.memory {
+            Memory::LoadIntegral => Some(rule.start(Operator::Integral(order), initial)?),
+            Memory::Rate => None,
+        };
+        let past = vec![0.0; initial.len()];
+        self.stress = Some(Stresses { now, history, past });
+        Ok(())
+    }
+
+    /// Stress of each element, kPa, where it is [followed](Self::follow_stress).
+    pub fn stress_kpa(&self) -> Option<&[[[f64; D]; D]]> {
+        self.stress.as_ref().map(|stress| &stress.now[..])
     }
 
     /// Displacements, mm.
@@ -194,6 +231,26 @@ impl<const D: usize, const N: usize> Creep<D, N> {
                 .for_each(|(rate, (u, past))| *rate = (u - past) / weight);
         }
         self.history.commit(step_s, &self.value)?;
+        self.step_stress(step_s)?;
         Ok(self.solver.progress())
+    }
+
+    fn step_stress(&mut self, step_s: f64) -> Result<(), CreepError> {
+        let Some(Stresses { now, history, past }) = &mut self.stress else {
+            return Ok(());
+        };
+        let (body, displacement) = (self.solver.body(), self.solver.displacement());
+        let Some(history) = history else {
+            *now = body.stresses_kpa(displacement, &self.value);
+            return Ok(());
+        };
+        *now = body.stresses_kpa(displacement, displacement);
+        let weight = history.predict(step_s, past)?;
+        let values = now.as_flattened_mut().as_flattened_mut();
+        for (value, past) in values.iter_mut().zip(past) {
+            *value = (*value - *past) / weight;
+        }
+        history.commit(step_s, values)?;
+        Ok(())
     }
 }

@@ -85,6 +85,12 @@ impl Parts {
         regions
     }
 
+    /// Volume of a part, mm^3.
+    pub fn volume_mm3(&self, mesh: &TetMesh, part: usize) -> f64 {
+        let volumes = self.of_element.iter().zip(mesh.volumes(mesh.nodes()));
+        volumes.filter(|(of, _)| **of == part).map(|(_, volume)| volume).sum()
+    }
+
     /// The parts that `wanted` picks, grouped with those that they share nodes with, directly or through others.
     pub fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         let mut seen: Vec<bool> = (0..self.len()).map(|part| !wanted(part)).collect();

@@ -10,7 +10,7 @@ use crate::study::stability::record::{Record, Unexpected};
 /// The free motions of the part with that lowest node; none where the error says nothing of it.
 fn motions(error: &SolveError, example: u32) -> Vec<Motion> {
     match error {
-        SolveError::Rigid(RigidError::FreeParts { parts }) => {
+        SolveError::Rigid(RigidError::FreeParts { parts, .. }) => {
             let part = parts.iter().find(|part| part.example == example);
             part.map_or_else(Vec::new, |part| part.motions.clone())
         }

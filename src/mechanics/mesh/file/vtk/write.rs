@@ -31,6 +31,8 @@ pub enum Values<'a> {
     Scalars(&'a [f64]),
     /// A vector each.
     Vectors(&'a [[f64; 3]]),
+    /// A symmetric tensor each: xx, yy, zz, xy, yz and xz, the order of ParaView.
+    Symmetric(&'a [[f64; 6]]),
     /// One whole number each.
     Integers(&'a [i32]),
 }
@@ -40,6 +42,7 @@ impl Values<'_> {
         match self {
             Values::Scalars(values) => values.len(),
             Values::Vectors(values) => values.len(),
+            Values::Symmetric(values) => values.len(),
             Values::Integers(values) => values.len(),
         }
     }
@@ -133,6 +136,7 @@ fn named(out: &mut impl Write, name: &str, values: Values) -> io::Result<()> {
     match values {
         Values::Scalars(values) => array(out, "Float64", name, 1, floats(values)),
         Values::Vectors(values) => array(out, "Float64", name, 3, floats(values.as_flattened())),
+        Values::Symmetric(values) => array(out, "Float64", name, 6, floats(values.as_flattened())),
         Values::Integers(values) => array(out, "Int32", name, 1, bytes(values.iter().copied(), i32::to_le_bytes)),
     }
 }
@@ -157,6 +161,11 @@ fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: 
     // One component is the default, and readers tell a list of numbers from a matrix of one column by its absence.
     let components = match components {
         1 => String::new(),
+        6 => (0..)
+            .zip(["xx", "yy", "zz", "xy", "yz", "xz"])
+            .fold(" NumberOfComponents=\"6\"".to_owned(), |text, (at, name)| {
+                format!("{text} ComponentName{at}=\"{name}\"")
+            }),
         count => format!(" NumberOfComponents=\"{count}\""),
     };
     writeln!(

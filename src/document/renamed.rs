@@ -1,0 +1,87 @@
+//! Keys that had another name, which is still read.
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::Source;
+
+/// The table that a key stands in (empty: none), its old name and its name. The types read the old names as aliases.
+const RENAMED: &[[&str; 3]] = &[
+    ["", "nonlinear", "solver"],
+    ["", "region", "region_array"],
+    ["", "structure", "memory"],
+    ["", "viscoelastic", "viscosity"],
+    ["", "knee_strain", "knee_shear"],
+    ["load", "force_n", "node_force_n"],
+    ["tissue", "cutting_force_n", "cutting_n"],
+    ["tissue", "needle_friction_n_mm", "friction_n_per_mm"],
+    ["viscosity", "law", "memory"],
+];
+
+/// The name of a key of a table now, where it has another.
+pub(super) fn now(table: &str, key: &str) -> Option<&'static str> {
+    let row = RENAMED.iter().find(|[of, old, _]| (*of, *old) == (table, key));
+    row.map(|[.., new]| *new)
+}
+
+/// Whether a known key is the old name of another known one.
+pub(super) fn is_old(key: &str, known: &[String]) -> bool {
+    let stands_for = |[_, old, new]: &[&str; 3]| *old == key && known.iter().any(|known| known == new);
+    RENAMED.iter().any(stands_for)
+}
+
+impl Source {
+    /// Notes about keys under old names, in the order of the text.
+    pub(crate) fn renamed(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        if let Ok(root) = DeTable::parse(self.text()) {
+            collect("", root.get_ref(), &mut found);
+        }
+        found.sort_unstable();
+        let note = |(at, old, new): (usize, String, &str)| {
+            format!("{}, line {}: `{old}` is now called `{new}`", self.name(), self.line(at))
+        };
+        found.into_iter().map(note).collect()
+    }
+}
+
+fn collect(name: &str, table: &DeTable<'_>, found: &mut Vec<(usize, String, &'static str)>) {
+    for (key, value) in table {
+        let new = now(name, key.get_ref());
+        if let Some(new) = new {
+            found.push((key.span().start, key.get_ref().to_string(), new));
+        }
+        within(new.unwrap_or(key.get_ref()), value, found);
+    }
+}
+
+fn within(name: &str, value: &Spanned<DeValue<'_>>, found: &mut Vec<(usize, String, &'static str)>) {
+    match value.get_ref() {
+        DeValue::Table(table) => collect(name, table, found),
+        DeValue::Array(list) => list.iter().for_each(|value| within(name, value, found)),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_names_are_noted_where_they_stand() {
+        let text = "region = \"organ\"\n[[load]]\nforce_n = [0, 0, 1]\n[[fix]]\nregion = 3\n[scene]\ntissue = [{ cutting_force_n = 1 }]\n[viscoelastic]\nlaw = \"rate\"\n";
+        let expected = [
+            "p.toml, line 1: `region` is now called `region_array`",
+            "p.toml, line 3: `force_n` is now called `node_force_n`",
+            "p.toml, line 7: `cutting_force_n` is now called `cutting_n`",
+            "p.toml, line 8: `viscoelastic` is now called `viscosity`",
+            "p.toml, line 9: `law` is now called `memory`",
+        ];
+        let source = Source::new("p.toml", text);
+        assert_eq!(source.renamed(), expected);
+        assert_eq!(
+            source.find("viscosity.memory").map(|span| &text[span]),
+            Some("\"rate\"")
+        );
+    }
+}

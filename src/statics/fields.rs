@@ -1,0 +1,40 @@
+//! Strain and stress in the elements of a solved problem.
+
+use crate::mechanics::tissue::nonlinear::Solid;
+
+/// Symmetric tensors of each element: xx, yy, zz, xy, yz and xz.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fields {
+    /// Strain; shear as components of the tensor, half of the angle.
+    pub strain: Vec<[f64; 6]>,
+    /// Stress, kPa.
+    pub stress_kpa: Vec<[f64; 6]>,
+}
+
+fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
+    [m[0][0], m[1][1], m[2][2], m[0][1], m[1][2], m[0][2]]
+}
+
+impl Fields {
+    /// Those of a body displaced by `displacement`, whose stress is that of `strained`, mm.
+    pub(super) fn of(body: &Solid, displacement: &[f64], strained: &[f64]) -> Fields {
+        Self::with(body, displacement, &body.stresses_kpa(displacement, strained))
+    }
+
+    /// Those of a displaced body whose stress is known, kPa.
+    pub(super) fn with(body: &Solid, displacement: &[f64], stress_kpa: &[[[f64; 3]; 3]]) -> Fields {
+        Fields {
+            strain: body.strains(displacement).into_iter().map(six).collect(),
+            stress_kpa: stress_kpa.iter().copied().map(six).collect(),
+        }
+    }
+
+    /// Von Mises stress of each element, kPa.
+    pub fn von_mises_kpa(&self) -> Vec<f64> {
+        let equivalent = |[xx, yy, zz, xy, yz, xz]: &[f64; 6]| {
+            let apart = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);
+            (0.5 * apart + 3.0 * (xy * xy + yz * yz + xz * xz)).sqrt()
+        };
+        self.stress_kpa.iter().map(equivalent).collect()
+    }
+}

@@ -1,0 +1,188 @@
+//! Loads of a problem as forces on nodes.
+
+use std::collections::BTreeMap;
+
+use super::error::StaticsError;
+use super::file::{LoadSpec, ProblemFile};
+use super::materials::Made;
+use super::resolve::Regions;
+use super::selection::Choice;
+use crate::mechanics::mesh::{Face, TetMesh};
+use crate::mechanics::tissue::problem::Load;
+
+/// Largest force, N, and pressure, kPa.
+const STRONGEST: f64 = 1e9;
+/// Largest acceleration, m/s^2.
+const FASTEST: f64 = 1e6;
+/// Newtons per square millimetre in a kilopascal.
+const NEWTON_PER_MM2: f64 = 1e-3;
+/// Newtons that 1 m/s^2 pulls with on 1 mm^3 of 1 kg/m^3.
+const NEWTON_PER_MM3: f64 = 1e-9;
+
+/// A force on a node, and the `[[load]]` that it comes from; without one it is weight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Applied {
+    pub load: Load,
+    pub table: Option<usize>,
+}
+
+/// All forces, and the area that each `[[load]]` acts on, mm^2 (0 of forces on nodes).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Loads {
+    pub forces: Vec<Applied>,
+    pub area_mm2: Vec<f64>,
+}
+
+impl Loads {
+    /// The sum of what a table gives, N; without a table the weight.
+    pub fn sum_n(&self, table: Option<usize>) -> [f64; 3] {
+        let of = self.forces.iter().filter(|applied| applied.table == table);
+        of.fold([0.0; 3], |sum, applied| {
+            std::array::from_fn(|axis| sum[axis] + applied.load.force_n[axis])
+        })
+    }
+
+    fn spread(&mut self, table: usize, faces: &[(Face, f64)], force_n: impl Fn(&Face, f64) -> [f64; 3]) {
+        for (face, area) in faces {
+            // A traction that is the same all over a triangle acts on its corners alike.
+            let force_n = force_n(face, *area).map(|force| force / 3.0);
+            let load = |node| Applied {
+                load: Load { node, force_n },
+                table: Some(table),
+            };
+            self.forces.extend(face.nodes.map(load));
+        }
+    }
+}
+
+impl ProblemFile {
+    /// All loads.
+    pub(super) fn loads(
+        &self,
+        mesh: &TetMesh,
+        regions: &Regions,
+        made: &BTreeMap<i32, Made>,
+    ) -> Result<Loads, StaticsError> {
+        let mut loads = Loads::default();
+        for (at, spec) in self.load.iter().enumerate() {
+            let area = self.load(at, spec, mesh, regions, &mut loads)?;
+            loads.area_mm2.push(area);
+        }
+        self.weight(mesh, made, &mut loads)?;
+        Ok(loads)
+    }
+
+    fn load(
+        &self,
+        at: usize,
+        spec: &LoadSpec,
+        mesh: &TetMesh,
+        regions: &Regions,
+        loads: &mut Loads,
+    ) -> Result<f64, StaticsError> {
+        let table = format!("load[{at}]");
+        let numbers = self.chosen(&table, spec.region.as_ref(), regions)?;
+        let choice = Choice {
+            nodes: spec.nodes.as_deref(),
+            box_mm: spec.box_mm.as_ref(),
+            regions: numbers.as_deref(),
+            surface: spec.surface || spec.nodes.is_none() && spec.node_force_n.is_none(),
+        };
+        let nodes = choice.select(&table, mesh).map_err(|odd| self.odd(odd))?;
+        let strongest = "-1e9 to 1e9 N";
+        match (spec.total_force_n, spec.pressure_kpa, spec.node_force_n) {
+            (None, None, Some(force_n)) => {
+                self.vector(&format!("{table}.node_force_n"), &force_n, STRONGEST, strongest)?;
+                let load = |node| Applied {
+                    load: Load { node, force_n },
+                    table: Some(at),
+                };
+                loads.forces.extend(nodes.into_iter().map(load));
+                Ok(0.0)
+            }
+            (Some(total), None, None) => {
+                self.vector(&format!("{table}.total_force_n"), &total, STRONGEST, strongest)?;
+                let (faces, whole) = self.faces(&table, mesh, &nodes, numbers.as_deref())?;
+                loads.spread(at, &faces, |_, area| total.map(|force| force * (area / whole)));
+                Ok(whole)
+            }
+            (None, Some(pressure), None) => {
+                let expected = "-1e9 to 1e9 kPa";
+                self.within(&format!("{table}.pressure_kpa"), pressure, STRONGEST, expected)?;
+                let (faces, whole) = self.faces(&table, mesh, &nodes, numbers.as_deref())?;
+                let inward = -pressure * NEWTON_PER_MM2;
+                loads.spread(at, &faces, |face, _| face.area_mm2.map(|area| inward * area));
+                Ok(whole)
+            }
+            _ => {
+                let given = [
+                    ("`total_force_n`", spec.total_force_n.is_some()),
+                    ("`pressure_kpa`", spec.pressure_kpa.is_some()),
+                    ("`node_force_n`", spec.node_force_n.is_some()),
+                ];
+                let given: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
+                let found = match given.is_empty() {
+                    true => "no force".to_owned(),
+                    false => given.join(" and "),
+                };
+                let expected = "one of `total_force_n`, `pressure_kpa` and `node_force_n`";
+                Err(self.wrong_keys(table, found, expected))
+            }
+        }
+    }
+
+    /// Faces of the surface whose nodes are all chosen, with the area of each and of all, mm^2.
+    fn faces(
+        &self,
+        table: &str,
+        mesh: &TetMesh,
+        nodes: &[u32],
+        regions: Option<&[i32]>,
+    ) -> Result<(Vec<(Face, f64)>, f64), StaticsError> {
+        let mut chosen = vec![false; mesh.nodes().len()];
+        nodes.iter().for_each(|node| chosen[*node as usize] = true);
+        let whole = |face: &Face| {
+            face.nodes.iter().all(|node| chosen[*node as usize])
+                && regions.is_none_or(|regions| regions.contains(&face.region))
+        };
+        let faces = mesh.surface().filter(whole);
+        let faces: Vec<(Face, f64)> = faces
+            .map(|face| (face, nalgebra::Vector3::from(face.area_mm2).norm()))
+            .collect();
+        let area = faces.iter().map(|(_, area)| area).sum();
+        match faces.is_empty() {
+            false => Ok((faces, area)),
+            true => {
+                let found = format!("{} nodes between which there is no face of the surface", nodes.len());
+                let expected = "all three nodes of at least one face; `node_force_n` acts on single nodes";
+                Err(self.wrong_keys(table, found, expected))
+            }
+        }
+    }
+
+    /// Adds the weight of all tissue, a quarter of each tetrahedron's on each of its corners.
+    fn weight(&self, mesh: &TetMesh, made: &BTreeMap<i32, Made>, loads: &mut Loads) -> Result<(), StaticsError> {
+        let Some(gravity) = self.gravity_m_per_s2 else {
+            return Ok(());
+        };
+        self.vector("gravity_m_per_s2", &gravity, FASTEST, "-1e6 to 1e6 m/s^2")?;
+        let elements = mesh.elements().iter().zip(mesh.regions());
+        for ((corners, region), volume) in elements.zip(mesh.volumes(mesh.nodes())) {
+            // Every region has a material.
+            let Some(Made { table, .. }) = made.get(region) else {
+                continue;
+            };
+            let density = self.material[*table].density_kg_per_m3.ok_or_else(|| {
+                let (key, found) = (format!("material[{table}]"), "no `density_kg_per_m3`");
+                self.wrong_keys(key, found, "one in each material, for `gravity_m_per_s2` to pull on")
+            })?;
+            let force_n = gravity.map(|g| 0.25 * volume * density * g * NEWTON_PER_MM3);
+            let load = |node| Applied {
+                load: Load { node, force_n },
+                table: None,
+            };
+            loads.forces.extend(corners.map(load));
+        }
+        Ok(())
+    }
+}
