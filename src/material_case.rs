@@ -32,7 +32,7 @@ mod resolve;
 pub mod rheometer;
 
 pub use error::{MaterialCaseError, Wrong};
-pub use file::{CaseFile, ControlName, HistorySpec, Law, RuleName, StructureName};
+pub use file::{CaseFile, ControlName, HistorySpec, Law, MemoryName, RuleName};
 pub use report::Report;
 pub use resolve::Case;
 

@@ -44,9 +44,9 @@ impl Source {
         let root = DeTable::parse(&self.text).ok()?;
         let (mut table, mut list, mut found, mut name) = (Some(root.get_ref()), None, None, "");
         for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
-            let number = step.parse::<usize>();
+            let number = step.parse::<usize>().ok();
             // What may be a list may be written as a table on its own.
-            if table.is_some() && number == Ok(0) {
+            if table.is_some() && number == Some(0) {
                 continue;
             }
             let value: Option<&Spanned<DeValue<'_>>> = match (table, list) {
@@ -54,11 +54,11 @@ impl Source {
                     .iter()
                     .find(|(key, _)| key.get_ref() == step || now(name, key.get_ref()) == Some(step))
                     .map(|(_, value)| value),
-                (None, Some(list)) => number.ok().and_then(|at| <[_]>::get(list, at)),
+                (None, Some(list)) => number.and_then(|at| <[_]>::get(list, at)),
                 (None, None) => None,
             };
             let Some(value) = value else { break };
-            if number.is_err() {
+            if number.is_none() {
                 name = step;
             }
             found = Some(value.span());

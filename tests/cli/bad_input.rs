@@ -145,7 +145,7 @@ fn wrong_scenes_point_at_the_line() {
         bench.write("wrong.toml", &format!("version = 1\n{text}"));
         bench.run("render wrong.toml --backend cpu").fails(2, &words);
     }
-    bench.write("wrong.toml", "[volume]\nphantom = \"two-layer\"\n");
+    bench.write("wrong.toml", "version = 2\n[volume]\nphantom = \"two-layer\"\n");
     bench.run("render wrong.toml --backend cpu").fails(2, &["version"]);
     assert_eq!(bench.files("."), ["scene.toml", "wrong.toml"]);
 }

@@ -188,7 +188,7 @@ fn tables_that_do_not_go_together_are_explained() {
     check(
         "version = 2\n[volume]\nphantom = \"spine\"",
         "2",
-        &["version 2", "version = 1"],
+        &["found version 2", "expected 1"],
     );
     check(&small("[deform]"), "[deform]", &["neither `field` nor `mesh`"]);
     check(
@@ -217,9 +217,9 @@ fn tables_that_do_not_go_together_are_explained() {
 
 #[test]
 fn a_scene_without_its_musts_has_no_place_but_a_message() {
-    for (text, key) in [("version = 1", "volume"), ("[volume]\nphantom = \"spine\"", "version")] {
+    for text in ["version = 1", "seed = 3"] {
         let error = fault(text);
-        assert_eq!((error.key(), error.location()), (Some(key), None), "{error}");
+        assert_eq!((error.key(), error.location()), (Some("volume"), None), "{error}");
     }
 }
 

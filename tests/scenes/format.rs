@@ -184,7 +184,7 @@ fn the_schema_accepts_what_the_parser_accepts() {
     for wrong in [
         "version = 1",
         "version = 1\nsed = 3\n[volume]",
-        "[volume]\nphantom = \"abdomen\"",
+        "version = 2\n[volume]\nphantom = \"abdomen\"",
         "version = 1\n[volume]\nphantom = 3",
     ] {
         let value: Value = toml::from_str(wrong).expect("toml");

@@ -5,7 +5,7 @@ mod report;
 use std::path::PathBuf;
 
 use clap::Args;
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
+use insonify::mechanics::mesh::file::{ReadOptions, Unit, read_mesh};
 use insonify::mechanics::mesh::quality::Quality;
 
 use crate::cli::failure::Failure;
@@ -21,13 +21,16 @@ the file can be looked at, but not be calculated on.";
 #[derive(Args)]
 #[command(after_help = NOTES)]
 pub struct Info {
-    /// Mesh file: Gmsh 2.2 or 4.1 (.msh), or VTK (.vtk, .vtu); in LPS mm
+    /// Mesh file: Gmsh 2.2 or 4.1 (.msh), or VTK (.vtk, .vtu); LPS
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    /// Length that a coordinate of 1 stands for
+    #[arg(long, value_enum, default_value = "mm")]
+    unit: Unit,
     /// Cell array with the region numbers (of Gmsh: `gmsh:physical` or `gmsh:geometrical`); by default the first of
     /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`
-    #[arg(long, value_name = "NAME")]
-    region: Option<String>,
+    #[arg(long, alias = "region", value_name = "NAME")]
+    region_array: Option<String>,
     /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; a number that
     /// is infinite or not there is null
     #[arg(long)]
@@ -37,8 +40,9 @@ pub struct Info {
 impl Info {
     pub fn run(&self) -> Result<(), Failure> {
         let options = ReadOptions {
-            region: self.region.as_deref(),
-            displacement: None,
+            region: self.region_array.as_deref(),
+            unit: self.unit,
+            ..ReadOptions::default()
         };
         let file = read_mesh(&self.file, &options)?;
         let quality = Quality::of(&file.mesh, file.mesh.nodes());

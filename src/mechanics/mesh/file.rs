@@ -29,7 +29,7 @@ pub const DISPLACEMENT: &str = "displacement";
 const BYTES_PER_ELEMENT: u64 = 256;
 
 /// The length that a coordinate of 1 stands for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// A millimetre.

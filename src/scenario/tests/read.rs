@@ -10,7 +10,7 @@ use crate::scenario::{EXAMPLES, REFERENCE, ScenarioFile, schema};
 #[test]
 fn faults_point_at_their_line_and_say_what_is_expected() {
     let cases: &[(&str, &str, usize, &str)] = &[
-        ("version = 1", "version = 2", 1, "expected `version = 1`"),
+        ("version = 1", "version = 2", 1, "found version 2"),
         ("dt_ms = 10", "dt_ms = 0", 3, "0.01 to 100 ms"),
         ("dt_ms = 10", "dt_s = 10", 3, "unknown key `dt_s`"),
         (
@@ -35,7 +35,12 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             "mass-spring",
         ),
         ("40], [inf", "400], [inf", 13, "no node in this box"),
-        ("\"phantom_inclusion\"", "\"phantom_inclusio\"", 15, "no label here"),
+        (
+            "\"phantom_inclusion\"",
+            "\"phantom_inclusoin\"",
+            15,
+            "there is no region",
+        ),
         ("friction_n_per_mm = 0.25", "friction_n_per_mm = -1", 16, "0 or more"),
         ("friction_n_per_mm = 0.25", "poisson = 0.5", 16, "below 0.5"),
         ("length_mm = 100", "length_mm = 0", 18, "0.1 to 1000"),

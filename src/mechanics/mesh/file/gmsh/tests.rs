@@ -39,7 +39,7 @@ fn regions_are_groups_or_volumes() {
         let regions = |name| {
             let options = ReadOptions {
                 region: Some(name),
-                displacement: None,
+                ..ReadOptions::default()
             };
             read_mesh_bytes(&bytes, Path::new("mesh.msh"), &options)
         };
@@ -58,7 +58,7 @@ fn regions_are_groups_or_volumes() {
         );
         let moved = ReadOptions {
             displacement: Some("u"),
-            region: None,
+            ..ReadOptions::default()
         };
         let error = read_mesh_bytes(&bytes, Path::new("mesh.msh"), &moved).unwrap_err();
         assert!(error.to_string().contains("point array `u`"), "{error}");

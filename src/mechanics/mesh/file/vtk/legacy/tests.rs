@@ -78,13 +78,14 @@ fn binary_legacy_is_read_in_both_layouts_of_cells() {
         let options = ReadOptions {
             displacement: Some("moved by"),
             region: Some("region"),
+            ..ReadOptions::default()
         };
         let file = read_mesh_bytes(&out, Path::new("x.vtk"), &options).unwrap();
         assert_eq!(file.mesh, mesh);
         assert_eq!(file.displacements.as_ref(), Some(&displacements));
         let missing = ReadOptions {
             displacement: Some("u"),
-            region: None,
+            ..ReadOptions::default()
         };
         let error = read_mesh_bytes(&out, Path::new("x.vtk"), &missing)
             .unwrap_err()
