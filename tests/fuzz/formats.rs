@@ -293,7 +293,7 @@ fn mesh(path: &Path, bytes: &[u8], dice: &mut Dice) -> Result<(), Error> {
         let text = corpus::PROBLEM.replace("block.msh", &name);
         let _ = ProblemFile::parse(&text, "problem.toml")?
             .resolve(folder)
-            .and_then(|problem| problem.solve());
+            .and_then(|problem| problem.solve(true));
     }
     Ok(())
 }
@@ -368,7 +368,7 @@ fn problem(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     });
     let problem = file.resolve(beside(path, "").0)?;
     if !long {
-        let solved = problem.solve()?;
+        let solved = problem.solve(true)?;
         let _ = statics::Report::new(&problem, &solved).to_string();
     }
     Ok(())
