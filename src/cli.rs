@@ -57,6 +57,9 @@ Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not.";
 #[derive(Parser)]
 #[command(name = "insonify", version, after_help = EXAMPLES, max_term_width = 100)]
 pub struct Cli {
+    /// Print results and errors only: no notes, warnings or progress
+    #[arg(short, long, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -86,6 +89,9 @@ enum Command {
 impl Cli {
     /// Does what was asked.
     pub fn run(self) -> Result<(), Failure> {
+        if self.quiet {
+            terminal::quieten();
+        }
         if let Err(cause) = signals::watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }

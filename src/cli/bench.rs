@@ -71,7 +71,7 @@ impl Bench {
         if self.compare {
             return self.compare();
         }
-        let (scene, _) = self.input.scene(&self.backend, self.json)?;
+        let (scene, _) = self.input.scene(&self.backend)?;
         let count = scene.frames().min(self.frames);
         let states = (0..count)
             .map(|frame| {
@@ -128,7 +128,7 @@ impl Bench {
         }
         let scene = match self.input.is_default() {
             true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
-            false => self.input.scene(&self.backend, self.json)?.0,
+            false => self.input.scene(&self.backend)?.0,
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;

@@ -93,15 +93,13 @@ impl Input {
         files
     }
 
-    /// Reads the scene and all that it names, and tells what was assumed (unless `quiet`) and what is odd. Where it says how long a
+    /// Reads the scene and all that it names, and tells what was assumed and what is odd. Where it says how long a
     /// frame may take, what it leaves open is picked for the backend; the second tells what.
-    pub fn scene(&self, backend: &BackendArgs, quiet: bool) -> Result<(Scene, Option<Picked>), Failure> {
+    pub fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Failure> {
         let mut scene = self.load()?;
-        if !quiet {
-            scene.notes.iter().for_each(note);
-        }
+        scene.notes.iter().for_each(note);
         scene.warnings.iter().for_each(warn);
-        let picked = self.quality.frames(&mut scene, backend, quiet)?;
+        let picked = self.quality.frames(&mut scene, backend)?;
         Ok((scene, picked))
     }
 

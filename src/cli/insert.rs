@@ -100,9 +100,6 @@ pub struct Insert {
     /// Print the summary as one JSON object: `steps`, `max_base_force_n`, `tip_deflection_mm`, `remeshes`, `step_ms`, `events`, `seeds`, `warnings`, ...
     #[arg(long)]
     json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 /// Files that images go to.
@@ -141,18 +138,18 @@ impl Insert {
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
         if asked.frames {
-            picked.extend(self.quality.frames_of(&mut scenario, &self.backend, self.quiet)?);
+            picked.extend(self.quality.frames_of(&mut scenario, &self.backend)?);
         }
-        let bar = terminal::share(self.quiet);
+        let bar = terminal::share();
         bar.set_message("preparing the model");
         let model = scenario.model(|done, of| {
             bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
         });
         bar.finish_and_clear();
         let mut model = model?;
-        let mut writer = Writer::new(&scenario, folder.path(), asked, self.quiet)?;
+        let mut writer = Writer::new(&scenario, folder.path(), asked)?;
         if asked.frames {
-            self.extras.check(&scenario.scene, self.quiet)?;
+            self.extras.check(&scenario.scene)?;
             let anatomy = scenario.scene.anatomy.clone();
             let chosen = self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?;
             writer.render(chosen, self.images(), &self.extras, self.preview)?;
@@ -174,9 +171,7 @@ impl Insert {
         if self.json {
             return terminal::emit_json(&report);
         }
-        if !self.quiet {
-            terminal::say(told(&summary, output));
-        }
+        terminal::say(told(&summary, output));
         Ok(())
     }
 
@@ -216,17 +211,15 @@ impl Insert {
             Some(_) => Path::new(""),
             None => path.parent().unwrap_or(Path::new("")),
         };
-        let picked = self.quality.steps(&mut file, folder, self.quiet)?;
-        let bar = terminal::share(self.quiet);
+        let picked = self.quality.steps(&mut file, folder)?;
+        let bar = terminal::share();
         bar.set_message("making the mesh");
         let scenario = file.resolve(folder, |share| {
             bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
         });
         bar.finish_and_clear();
         let scenario = scenario?;
-        if !self.quiet {
-            scenario.notes.iter().for_each(terminal::note);
-        }
+        scenario.notes.iter().for_each(terminal::note);
         scenario.warnings.iter().for_each(terminal::warn);
         if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {
             terminal::warn("quality.step_ms of the scene's own file is not heeded: state it in the scenario");

@@ -40,7 +40,7 @@ struct Report {
 
 impl Inspect {
     pub fn run(&self) -> Result<(), Failure> {
-        let (scene, _) = self.input.scene(&BackendArgs::default(), self.json)?;
+        let (scene, _) = self.input.scene(&BackendArgs::default())?;
         let frames = self.frames.unwrap_or_else(|| scene.frames());
         if self.frame >= frames {
             return Err(Failure::usage(

@@ -22,7 +22,7 @@ pub struct Plan {
 
 impl Plan {
     pub fn run(&self) -> Result<(), Failure> {
-        let (scene, picked) = self.input.scene(&self.backend, self.json)?;
+        let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
         let mut plan = insonify::plan::Plan::new(&tables).report();
         plan.quality = picked;

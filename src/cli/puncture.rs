@@ -73,9 +73,6 @@ pub struct Puncture {
     /// Print one JSON object to standard output: `options`, and `rows`, one a step; with --fit also `fit`
     #[arg(long)]
     json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 impl Puncture {
@@ -123,7 +120,7 @@ impl Puncture {
                 },
             ));
         }
-        let bar = terminal::share(self.quiet);
+        let bar = terminal::share();
         let count = all.len() as f64;
         let mut runs = Vec::new();
         for (at, (name, options)) in all.into_iter().enumerate() {
@@ -157,7 +154,7 @@ impl Puncture {
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {
         let samples = fit::read(path)?;
-        let bar = terminal::share(self.quiet);
+        let bar = terminal::share();
         bar.set_message("fitting");
         let fitted = fit::fit(options, &samples, |share| {
             bar.set_position((share * terminal::SHARES as f64) as u64);

@@ -24,7 +24,6 @@ impl QualityArgs {
         &self,
         thing: &[&str],
         what: &str,
-        quiet: bool,
         sound: impl Fn(&T) -> bool,
         measure: impl FnOnce() -> Result<T, Failure>,
     ) -> Result<T, Failure>
@@ -39,9 +38,7 @@ impl QualityArgs {
                 Err(bad) => terminal::warn(format_args!("the kept costs are ignored: {bad}")),
             }
         }
-        if !quiet {
-            terminal::say(format_args!("quality: {what}; it is kept for the next time"));
-        }
+        terminal::say(format_args!("quality: {what}; it is kept for the next time"));
         let unkept = |error: &dyn std::fmt::Display| {
             terminal::warn(format_args!("what is measured cannot be kept: {error}"));
         };
@@ -54,10 +51,9 @@ impl QualityArgs {
     }
 }
 
-/// Says what was picked. What cannot be met is said in any case.
-fn tell(picked: &Picked, quiet: bool) {
+/// Says what was picked, and warns where it does not suffice.
+fn tell(picked: &Picked) {
     match picked.met {
-        true if quiet => {}
         true => terminal::say(format_args!("quality: {}", picked.why)),
         false => terminal::warn(format_args!("quality.{}: {}", picked.asked, picked.why)),
     }

@@ -65,9 +65,6 @@ pub struct Render {
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
-    /// Say nothing but warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 #[derive(Serialize)]
@@ -100,13 +97,13 @@ struct PassReport {
 impl Render {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
-        let (scene, picked) = self.input.scene(&self.backend, self.quiet)?;
+        let (scene, picked) = self.input.scene(&self.backend)?;
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
             insonify::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
-        self.extras.check(&scene, self.quiet)?;
+        self.extras.check(&scene)?;
         let target = Target::choose(self.output.as_deref(), count)?;
         let place = Place::open(target, &self.extras, self.force, &self.input.files())?;
         place.left().iter().for_each(terminal::warn);
@@ -114,22 +111,18 @@ impl Render {
         let mut chosen = self
             .backend
             .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
-        if !self.quiet {
-            let on = chosen
-                .adapter()
-                .map_or_else(String::new, |adapter| format!(" on {adapter}"));
-            terminal::say(format_args!(
-                "backend: {}{on} ({})",
-                chosen.synth.backend(),
-                chosen.reason
-            ));
-        }
+        let on = chosen
+            .adapter()
+            .map_or_else(String::new, |adapter| format!(" on {adapter}"));
+        terminal::say(format_args!(
+            "backend: {}{on} ({})",
+            chosen.synth.backend(),
+            chosen.reason
+        ));
         chosen.warnings.iter().for_each(terminal::warn);
         let mut report = self.frames(&scene, &mut chosen, output, &place, count)?;
         let path = place.install()?;
-        if !self.quiet {
-            terminal::say(report.summary(&path));
-        }
+        terminal::say(report.summary(&path));
         report.quality = picked;
         if self.json {
             terminal::emit_json(&report)?;
@@ -153,7 +146,7 @@ impl Render {
         let mut passes = Passes::default();
         let mut oddities = Oddities::default();
         let mut frames = Vec::with_capacity(count);
-        let bar = terminal::progress(count, self.quiet);
+        let bar = terminal::progress(count);
         for frame in 0..count {
             scene.state(frame, count, &mut state)?;
             let start = Instant::now();

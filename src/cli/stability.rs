@@ -79,7 +79,7 @@ impl Stability {
 
     fn measure(&self, cases: &[(&str, &Case)]) -> Report {
         let effort = if self.quick { Effort::Quick } else { Effort::Whole };
-        watched(self.json, |progress| run(cases, effort, progress))
+        watched(|progress| run(cases, effort, progress))
     }
 }
 

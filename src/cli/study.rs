@@ -20,17 +20,14 @@ pub struct Printed {
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 /// Is told what a study does, and the share that is done.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Shows how far something is while it runs.
-pub fn watched<T>(quiet: bool, run: impl FnOnce(Progress<'_>) -> T) -> T {
-    let bar = terminal::share(quiet);
+pub fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
+    let bar = terminal::share();
     let result = run(&mut |what, share| {
         bar.set_message(what.to_owned());
         bar.set_position((share * terminal::SHARES as f64) as u64);
@@ -42,25 +39,18 @@ pub fn watched<T>(quiet: bool, run: impl FnOnce(Progress<'_>) -> T) -> T {
 impl Printed {
     /// For a command that has arguments of its own for it.
     pub fn new(output: Option<PathBuf>, force: Force, json: bool) -> Self {
-        Self {
-            output,
-            force,
-            json,
-            quiet: json,
-        }
+        Self { output, force, json }
     }
 
     /// Makes the folder, shows how far `study` is, writes and prints what it found.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
         let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
         let folder = self.output.as_ref().map(open).transpose()?;
-        let study = watched(self.quiet, study)?;
+        let study = watched(study)?;
         if let (Some(folder), Some(target)) = (folder, &self.output) {
             let files = study.write(folder.path())?;
             folder.install()?;
-            if !self.quiet {
-                terminal::say(format_args!("{}: {}", target.display(), files.join(", ")));
-            }
+            terminal::say(format_args!("{}: {}", target.display(), files.join(", ")));
         }
         if self.json {
             terminal::emit_json(&study.json())

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use insonify::text::{MESSAGE, clipped, printable};
@@ -35,8 +36,23 @@ pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     emit(&escaped.collect::<String>())
 }
 
-/// Says something to the user on standard error; a closed one is no failure.
+/// Set by `--quiet`: results and errors alone are printed.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Silences everything but results and errors.
+pub fn quieten() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Writes to standard error unless quiet; a closed one is no failure.
 pub fn say(text: impl Display) {
+    if is_quiet() {
+        return;
+    }
     let _ = writeln!(io::stderr().lock(), "{}", printable(&text.to_string()));
 }
 
@@ -100,16 +116,16 @@ impl Diagnostic for Shown {
 pub const SHARES: u64 = 1000;
 
 /// A bar over one piece of work; hidden where standard error is no terminal, and on request.
-pub fn share(quiet: bool) -> ProgressBar {
-    if quiet {
+pub fn share() -> ProgressBar {
+    if is_quiet() {
         return ProgressBar::hidden();
     }
     styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left  {msg}")
 }
 
 /// A bar over the frames of a run; hidden where standard error is no terminal, for a single frame, and on request.
-pub fn progress(frames: usize, quiet: bool) -> ProgressBar {
-    if quiet || frames < 2 {
+pub fn progress(frames: usize) -> ProgressBar {
+    if is_quiet() || frames < 2 {
         return ProgressBar::hidden();
     }
     // Hides itself where standard error is no terminal.

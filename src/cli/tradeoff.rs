@@ -60,9 +60,6 @@ pub struct Tradeoff {
     /// Print results.json to standard output, too
     #[arg(long)]
     json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 #[derive(Subcommand)]
@@ -112,15 +109,11 @@ impl Tradeoff {
             steps: self.steps_per_s,
         };
         let means = BackendArgs::default().gpus()?;
-        let report = watched(self.quiet, |progress| {
-            gather(&wanted, &means, effort(self.quick), pace, progress)
-        });
+        let report = watched(|progress| gather(&wanted, &means, effort(self.quick), pace, progress));
         let files = report.write(folder.path())?;
         folder.install()?;
-        if !self.quiet {
-            let folder = self.output.display();
-            terminal::say(format_args!("{folder}: {}", files.join(", ")));
-        }
+        let folder = self.output.display();
+        terminal::say(format_args!("{folder}: {}", files.join(", ")));
         if self.json {
             terminal::emit_json(&report)?;
         } else {

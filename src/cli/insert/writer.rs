@@ -61,7 +61,7 @@ struct Rendering<'a> {
 }
 
 impl<'a> Writer<'a> {
-    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Asked, quiet: bool) -> Result<Self, Failure> {
+    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Asked) -> Result<Self, Failure> {
         let path = folder.join("steps.csv");
         let wrong = |cause| WriteError::new(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -72,7 +72,7 @@ impl<'a> Writer<'a> {
             folder: folder.to_owned(),
             steps,
             record,
-            bar: terminal::share(quiet),
+            bar: terminal::share(),
             frames: None,
             mesh_count: asked
                 .mesh_s

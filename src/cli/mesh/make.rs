@@ -79,9 +79,6 @@ pub struct Make {
     /// Print one JSON object to standard output
     #[arg(long)]
     json: bool,
-    /// Say nothing but results, warnings and errors
-    #[arg(short, long)]
-    quiet: bool,
 }
 
 #[derive(Serialize)]
@@ -126,9 +123,7 @@ impl Make {
         } else {
             notes.push("unlabelled voxels are outside, as asked: nothing was filled".to_owned());
         }
-        if !self.quiet {
-            notes.iter().for_each(terminal::note);
-        }
+        notes.iter().for_each(terminal::note);
         let regions = self.regions(&volume)?;
         let grid = LabelGrid {
             labels: volume.voxels(),
@@ -141,7 +136,7 @@ impl Make {
             max_edge_mm: self.max_edge_mm,
         };
         let start = Instant::now();
-        let bar = terminal::share(self.quiet);
+        let bar = terminal::share();
         let generated = generate(&grid, self.nodes, &options, |share| {
             bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
         });

@@ -19,20 +19,14 @@ const FRAMES: usize = 20;
 
 impl QualityArgs {
     /// Picks the grid of a scene that says how long a frame may take and leaves the grid open, sets it, and tells.
-    pub fn frames(&self, scene: &mut Scene, backend: &BackendArgs, quiet: bool) -> Result<Option<Picked>, Failure> {
+    pub fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         let Some(budget_ms) = scene.quality.frame_ms else {
             return Ok(None);
         };
-        self.grid(scene, budget_ms, backend, quiet)
+        self.grid(scene, budget_ms, backend)
     }
 
-    fn grid(
-        &self,
-        scene: &mut Scene,
-        budget_ms: f64,
-        backend: &BackendArgs,
-        quiet: bool,
-    ) -> Result<Option<Picked>, Failure> {
+    fn grid(&self, scene: &mut Scene, budget_ms: f64, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         let open = scene.open_grid;
         let image = [scene.settings.image.width, scene.settings.image.height];
         if open == [false; 2] {
@@ -56,7 +50,7 @@ impl QualityArgs {
             grid::KEYS.contains(&key) && grids.iter().any(|grid| grid[column].to_string() == value)
         };
         let sound = |costs: &Costs| costs.dials.len() == 1 && costs.dials.iter().all(|dial| dial.is_sound(stands));
-        let costs = self.kept(&thing, "measuring frames of this scene", quiet, sound, || {
+        let costs = self.kept(&thing, "measuring frames of this scene", sound, || {
             let measured = format!("kept to by 19 of {FRAMES} frames of this scene on {adapter}");
             let mut state = FrameState::at(Matrix4::identity());
             scene.state(0, scene.frames(), &mut state)?;
@@ -84,7 +78,7 @@ impl QualityArgs {
         if let Some(spec) = &mut scene.file.probe {
             (spec.lines, spec.samples) = (Some(probe.lines), Some(probe.samples));
         }
-        tell(&picked, quiet);
+        tell(&picked);
         if software && !picked.met {
             terminal::warn("quality.frame_ms: this GPU is software: --backend cpu is faster");
         }
@@ -92,14 +86,9 @@ impl QualityArgs {
     }
 
     /// Picks the grid of a scenario's frames; its own time counts before that of its scene.
-    pub fn frames_of(
-        &self,
-        scenario: &mut Scenario,
-        backend: &BackendArgs,
-        quiet: bool,
-    ) -> Result<Option<Picked>, Failure> {
+    pub fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         match scenario.quality.frame_ms.or(scenario.scene.quality.frame_ms) {
-            Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend, quiet),
+            Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend),
             None => Ok(None),
         }
     }

@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 impl QualityArgs {
     /// Picks what a scenario leaves open where it says how long a step may take, sets it, and tells. `folder` is where the paths of the
     /// scenario start.
-    pub fn steps(&self, file: &mut ScenarioFile, folder: &Path, quiet: bool) -> Result<Option<Picked>, Failure> {
+    pub fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
         let QualitySpec { step_ms, .. } = file.quality();
         // What is out of range is refused with its place in the file when that is resolved.
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
@@ -33,12 +33,11 @@ impl QualityArgs {
         let costs: StepCosts = self.kept(
             &["steps"],
             "measuring what choices cost in blocks of tissue",
-            quiet,
             |costs: &StepCosts| costs.dials().all(|dial| dial.keys.len() == 1 && dial.is_sound(stands)),
             || {
                 // What is wrong with the scenario is said before that.
                 file.resolve(folder, |_| {})?;
-                watched(quiet, |progress| Ok(step_costs::measure(progress)?))
+                watched(|progress| Ok(step_costs::measure(progress)?))
             },
         )?;
         let model = file.needle.as_ref().map(|needle| needle.model);
@@ -76,17 +75,15 @@ impl QualityArgs {
             let mut settings = picked.iter().flat_map(|picked| &picked.settings);
             settings.all(|setting| stands(&setting.key, &setting.value))
         };
-        let picked = self.kept(&thing, "trying it on this insertion", quiet, sound, || {
-            pick_tried("step_ms", &costs, budget_ms, open, |picked| {
-                tried(file, folder, picked, quiet)
-            })
+        let picked = self.kept(&thing, "trying it on this insertion", sound, || {
+            pick_tried("step_ms", &costs, budget_ms, open, |picked| tried(file, folder, picked))
         })?;
         let Some(picked) = picked else {
             terminal::warn("quality.step_ms: the scenario states all that could be picked");
             return Ok(None);
         };
         set(file, &picked);
-        tell(&picked, quiet);
+        tell(&picked);
         Ok(Some(picked))
     }
 }
@@ -121,11 +118,11 @@ fn set(file: &mut ScenarioFile, picked: &Picked) {
 }
 
 /// Runs the scenario with what was picked.
-fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked, quiet: bool) -> Result<Tried, Failure> {
+fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, Failure> {
     let mut file = file.clone();
     set(&mut file, picked);
     let budget_ms = picked.budget_ms;
-    let found = watched(quiet, |progress| {
+    let found = watched(|progress| {
         progress("trying an insertion", 0.0);
         let scenario = file.resolve(folder, |_| {})?;
         Ok::<_, Failure>(scenario.trial(budget_ms, PATIENCE, |share| progress("trying an insertion", share))?)

@@ -53,8 +53,8 @@ impl Extras {
     }
 
     /// Says what is written where a layer was asked for by a name that meant another, and refuses values that a layer cannot hold.
-    pub fn check(&self, scene: &Scene, quiet: bool) -> Result<(), Failure> {
-        if !quiet && self.names.iter().any(|name| name == "labels") {
+    pub fn check(&self, scene: &Scene) -> Result<(), Failure> {
+        if self.names.iter().any(|name| name == "labels") {
             terminal::say(
                 "note: the layer `labels` is now `label-value`, with the values of the label file; places in the table of labels, \
                  as it had before, are the layer `label-index`",
