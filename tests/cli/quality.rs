@@ -58,16 +58,21 @@ fn the_grid_is_picked_told_and_part_of_the_plan() {
 }
 
 #[test]
-fn what_cannot_be_met_is_said_with_its_figure_even_when_quiet() {
+fn what_cannot_be_met_is_a_warning_with_its_figure_and_quiet_silences_it() {
     let bench = Bench::new();
     // No frame takes as little as that, however small.
     bench.write("open.toml", &open(0.01));
-    let run = bench.run("render open.toml --backend cpu -o frame.png --json --quiet");
+    let run = bench.run("render open.toml --backend cpu -o frame.png --json");
     assert_eq!(run.json()["quality"]["met"], false);
     assert!(
         run.stderr
             .contains("nothing stays within 0.01 ms: this is the cheapest"),
         "{run:?}"
+    );
+    let run = bench.run("render open.toml --backend cpu -o frame.png --json --quiet");
+    assert_eq!(
+        (run.json()["quality"]["met"].as_bool(), run.stderr.as_str()),
+        (Some(false), "")
     );
 }
 
