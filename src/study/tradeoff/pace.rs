@@ -102,7 +102,7 @@ impl InTime {
     pub fn beyond(&self) -> String {
         let better = self.better.as_ref();
         better.map_or(String::new(), |way| {
-            format!("{}: {} ms, {}", way.name, number(way.cost), self.off(way))
+            format!("{}: {} ms, error {}", way.name, number(way.cost), self.off(way))
         })
     }
 }
