@@ -50,13 +50,13 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
         plain.sentence(),
         "grid (plain): middle: 16.0 ms, error 9.00 grey levels"
     );
-    assert_eq!(plain.beyond(), "fine: 18.0 ms, 6.00 grey levels");
+    assert_eq!(plain.beyond(), "fine: 18.0 ms, error 6.00 grey levels");
     assert!(plain.met && !full.met);
     assert_eq!(
         full.sentence(),
         "grid (full): middle: the fastest, but too slow: 40.0 ms, error 9.00 grey levels"
     );
-    assert_eq!(full.beyond(), "fine: 360 ms, 4.00 grey levels");
+    assert_eq!(full.beyond(), "fine: 360 ms, error 4.00 grey levels");
     let slow = Pace {
         frames: 2.0,
         steps: 1.0,
