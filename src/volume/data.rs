@@ -48,13 +48,14 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
         chunk: vec![0; CHUNK],
         values,
         push,
+        failed: None,
     };
     match header.data.encoding {
         Encoding::Raw => raw(header, reader, begin, stored, &mut sink)?,
         Encoding::Text => text(header, reader, begin, stored, &mut sink)?,
         Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, reader, begin, expected, &mut sink)?,
     }
-    Ok(sink.values)
+    sink.failed.map_or(Ok(sink.values), Err)
 }
 
 /// Reads the bytes of an image: exactly those that its sizes and element type need.
@@ -137,7 +138,7 @@ fn raw<V>(
     }
     let fail = |cause| header.unreadable(cause);
     reader.seek(SeekFrom::Start(begin + skip)).map_err(fail)?;
-    sink.drain(reader.take(wanted))?.map_err(fail)?;
+    sink.drain(reader.take(wanted)).map_err(fail)?;
     match sink.wanted {
         0 => Ok(()),
         // The file has shrunk since its length was asked for.
@@ -167,7 +168,7 @@ fn text<V>(
     reader.seek(SeekFrom::Start(at)).map_err(fail)?;
     let (mut word, mut number) = (Vec::new(), Vec::new());
     let parts = |byte: u8| byte.is_ascii_whitespace() || byte == b',';
-    while sink.wanted > 0 {
+    while sink.wanted > 0 && sink.failed.is_none() {
         word.clear();
         let start = at;
         for byte in (&mut reader).take(MAX_WORD).bytes() {
@@ -192,7 +193,7 @@ fn text<V>(
             let expected = format!("a number of type {}", element.name());
             VolumeError::malformed(&header.data.path, At::Byte(start), quoted(&text), expected)
         })?;
-        sink.take(&number)?;
+        sink.take(&number);
     }
     Ok(())
 }
@@ -209,10 +210,12 @@ struct Sink<'a, V> {
     chunk: Vec<u8>,
     values: Vec<V>,
     push: Push<'a, V>,
+    /// What `push` first said: the data are drained all the same, since it may be the fault of broken compression.
+    failed: Option<VolumeError>,
 }
 
 impl<V> Sink<'_, V> {
-    fn take(&mut self, bytes: &[u8]) -> Result<(), VolumeError> {
+    fn take(&mut self, bytes: &[u8]) {
         let dropped = self.skip.min(bytes.len() as u64) as usize;
         self.skip -= dropped as u64;
         let rest = &bytes[dropped..];
@@ -224,29 +227,37 @@ impl<V> Sink<'_, V> {
             self.part.extend_from_slice(end);
             rest = after;
             if self.part.len() < self.group {
-                return Ok(());
+                return;
             }
-            (self.push)(&self.part, &mut self.values)?;
-            self.part.clear();
+            let mut part = std::mem::take(&mut self.part);
+            self.hand_on(&part);
+            part.clear();
+            self.part = part;
         }
         let (whole, part) = rest.split_at(rest.len() - rest.len() % self.group);
         self.part.extend_from_slice(part);
-        (self.push)(whole, &mut self.values)
+        self.hand_on(whole);
     }
 
-    /// Drains a decoder to its end, where it checks its sum, unless that is too far away. The inner error is the decoder's.
-    fn drain(&mut self, mut decoder: impl Read) -> Result<io::Result<()>, VolumeError> {
+    fn hand_on(&mut self, bytes: &[u8]) {
+        if self.failed.is_none() {
+            self.failed = (self.push)(bytes, &mut self.values).err();
+        }
+    }
+
+    /// Drains a decoder to its end, where it checks its sum, unless that is too far away.
+    fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
         let mut chunk = std::mem::take(&mut self.chunk);
         let drained = loop {
             match decoder.read(&mut chunk) {
-                Ok(read) if read > 0 && self.excess <= MAX_EXCESS => self.take(&chunk[..read])?,
+                Ok(read) if read > 0 && self.excess <= MAX_EXCESS => self.take(&chunk[..read]),
                 Ok(_) => break Ok(()),
                 Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
                 Err(cause) => break Err(cause),
             }
         };
         self.chunk = chunk;
-        Ok(drained)
+        drained
     }
 }
 
@@ -270,9 +281,9 @@ fn unpack<V>(
     let encoding = header.data.encoding;
     loop {
         let drained = match encoding {
-            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut reader))?,
-            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader))?,
-            _ => sink.drain(GzDecoder::new(&mut reader))?,
+            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut reader)),
+            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader)),
+            _ => sink.drain(GzDecoder::new(&mut reader)),
         };
         let at = reader.stream_position().unwrap_or(begin);
         if let Err(cause) = drained {

@@ -114,7 +114,9 @@ fn volume_from(
     let named = segments::from_keys(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
     let stacked = layered.then(|| header.axes.remove(0));
-    let grid = header.grid()?;
+    // Broken data are told first: what the header says wrongly may be their fault.
+    let grid = header.grid();
+    let size = grid.as_ref().map_or([1; 3], |grid| grid.size);
     header.axes.splice(..0, stacked);
     let layers = stacked.map_or(1, |axis| axis.size);
     let mut stacks = Stacks {
@@ -133,7 +135,7 @@ fn volume_from(
         stacks.push::<T>(bytes, voxels).map_err(|unfit| match unfit {
             Unfit::TooMany => invalid(&path, InvalidVolume::TooManyLabels(stacks.index.stored.len())),
             Unfit::Fraction(value) => {
-                let (voxel, [x, y, _]) = (voxels.len(), grid.size);
+                let (voxel, [x, y, _]) = (voxels.len(), size);
                 VolumeError::Fractional {
                     path: path.clone(),
                     voxel: [voxel % x, voxel / x % y, voxel / x / y],
@@ -142,6 +144,7 @@ fn volume_from(
             }
         })
     }))?;
+    let grid = grid?;
     let mut warnings = std::mem::take(&mut header.warnings);
     if let Some(degrees) = grid.shear_deg {
         warnings.push(format!(
