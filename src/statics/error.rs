@@ -108,6 +108,7 @@ impl ProblemFile {
     }
 
     /// An error about a choice of nodes or axes.
+    #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
     pub(super) fn odd(&self, odd: Odd) -> StaticsError {
         self.fault(odd.0, odd.1)
     }
