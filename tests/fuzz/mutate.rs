@@ -116,7 +116,7 @@ impl Dice {
     pub fn below(&mut self, end: usize) -> usize {
         self.count += 1;
         let [word, ..] = pcg3d([self.words[0], self.words[1], self.count]);
-        (u64::from(word) * end as u64 >> 32) as usize
+        ((u64::from(word) * end as u64) >> 32) as usize
     }
 
     fn pick<'a, T>(&mut self, from: &'a [T]) -> &'a T {
