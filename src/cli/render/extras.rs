@@ -24,7 +24,7 @@ const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed",
 #[derive(Args, Clone, Debug, Default)]
 pub struct Extras {
     /// Ground truth to write beside each frame, 16 bits a pixel
-    #[arg(long = "layers", value_name = "LAYER,...", value_parser = layer_names(), value_delimiter = ',')]
+    #[arg(id = "layers", long = "layers", value_name = "LAYER,...", value_parser = layer_names(), value_delimiter = ',')]
     names: Vec<String>,
     /// Write a JSON file beside each frame: seed, pose, parameters, needle tip, warnings
     #[arg(long)]
