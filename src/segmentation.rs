@@ -92,14 +92,19 @@ pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
     } else {
         load(path)?.into()
     };
-    match &naming.names {
-        Some(names) => segmentation.take_names(names),
-        None if segmentation.nameless(naming).next().is_some() => segmentation.take_names_beside(path),
-        None => {}
-    }
+    let by_table = match &naming.names {
+        Some(names) => {
+            segmentation.take_names(names);
+            true
+        }
+        None => segmentation.nameless(naming).next().is_some() && segmentation.take_names_beside(path),
+    };
     segmentation.name_mask(path, naming);
     let sizes = Sizes::of(&segmentation.volume);
-    segmentation.read_values(naming, &sizes);
+    // Values that a table leaves out are in a numbering of its own.
+    if !by_table || naming.preset != Preset::Auto {
+        segmentation.read_values(naming, &sizes);
+    }
     segmentation.warnings.extend(segmentation.doubts(&sizes));
     Ok(segmentation)
 }
@@ -131,18 +136,21 @@ impl Segmentation {
         }
     }
 
-    /// Takes the names of the table of the same stem beside a label file; one that cannot be read is of something else.
-    fn take_names_beside(&mut self, path: &Path) {
-        let Some(table) = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv"))) else {
-            return;
+    /// Takes the names of the table of the same stem beside a label file, and returns whether it did: one that cannot be read
+    /// is of something else.
+    fn take_names_beside(&mut self, path: &Path) -> bool {
+        let table = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv")));
+        let Some(table) = table.filter(|table| table.is_file()) else {
+            return false;
         };
-        if !table.is_file() {
-            return;
-        }
         match Names::read(&table) {
             Ok(names) => self.take_names(&names),
-            Err(error) => self.notes.push(format!("not used as label names: {error}")),
+            Err(error) => {
+                self.notes.push(format!("not used as label names: {error}"));
+                return false;
+            }
         }
+        true
     }
 
     /// Names the only label of a mask after its file, where that tells a tissue.
