@@ -13,6 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use formats::Format;
@@ -21,12 +22,14 @@ use mutate::Dice;
 /// Cases of each format where none are asked for: some ten seconds in all.
 const CASES: u64 = 400;
 /// Longest case, s.
-const PATIENCE_S: u64 = 10;
+const PATIENCE_S: f64 = 10.0;
 /// Failures of one cause that are shown.
 const SHOWN: usize = 2;
 
-/// The case that runs: what reproduces it, its bytes, and since when.
-static RUNNING: Mutex<Option<(String, PathBuf, Vec<u8>, Instant)>> = Mutex::new(None);
+/// The last case: what reproduces it, where its file is kept, and its bytes.
+static RUNNING: Mutex<Option<(String, PathBuf, Vec<u8>)>> = Mutex::new(None);
+/// Number of the case that runs, 0 between cases.
+static CASE: AtomicU64 = AtomicU64::new(0);
 /// What the last panic said, and where.
 static PANIC: Mutex<String> = Mutex::new(String::new());
 
@@ -101,7 +104,8 @@ fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, Str
     );
     let kept =
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fuzz-{}-{seed}-{case}-{}", format.name, format.file));
-    *RUNNING.lock().unwrap() = Some((again, kept, bytes.clone(), Instant::now()));
+    *RUNNING.lock().unwrap() = Some((again, kept, bytes.clone()));
+    CASE.store(case + 1, Ordering::Relaxed);
     std::fs::create_dir(&out)
         .and_then(|()| std::fs::write(&path, &bytes))
         .expect("a folder that can be written");
@@ -112,10 +116,7 @@ fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, Str
     let written: Vec<Vec<u8>> = std::fs::read_dir(&out).into_iter().flatten().flat_map(names).collect();
     let stray = entries() != before || written.iter().any(|name| name.starts_with(b"."));
     let _ = std::fs::remove_dir_all(&out);
-    if let Some(running) = RUNNING.lock().unwrap().as_mut() {
-        // Done: it is not late until then.
-        running.3 = Instant::now() + Duration::from_secs(1 << 20);
-    }
+    CASE.store(0, Ordering::Relaxed);
     match outcome.map_err(|_| PANIC.lock().unwrap().clone())? {
         Ok(()) if !stray => Ok(true),
         Err(error) if !stray && written.is_empty() => told(error).and_then(|()| match case {
@@ -143,22 +144,34 @@ fn told(error: insonify::error::Error) -> Result<(), String> {
 
 /// Shows the case that ran last, and keeps its file.
 fn report() {
-    if let Some((again, kept, bytes, _)) = RUNNING.lock().unwrap().as_ref() {
+    if let Some((again, kept, bytes)) = RUNNING.lock().unwrap().as_ref() {
         let _ = std::fs::write(kept, bytes);
         println!("FAILED: {}\n  {again}\n  {}", PANIC.lock().unwrap(), kept.display());
         let _ = std::io::stdout().flush();
     }
 }
 
-/// Ends the process where a case takes too long.
+/// Ends the process where a case takes too long: of the processor, so that other programs do not count, or of the clock by far.
 fn watch() {
+    let (mut watched, mut from, mut since) = (0, 0.0, Instant::now());
     loop {
         std::thread::sleep(Duration::from_millis(500));
-        let late = |(_, _, _, since): &(_, _, _, Instant)| since.elapsed() > Duration::from_secs(PATIENCE_S);
-        if RUNNING.lock().unwrap().as_ref().is_some_and(late) {
+        let (case, used) = (CASE.load(Ordering::Relaxed), processor_s());
+        if case != watched || case == 0 {
+            (watched, from, since) = (case, used.unwrap_or(0.0), Instant::now());
+        }
+        let waited = since.elapsed().as_secs_f64();
+        if used.unwrap_or(waited) - from > PATIENCE_S || waited > 20.0 * PATIENCE_S {
             *PANIC.lock().unwrap() = format!("it takes more than {PATIENCE_S} s");
             report();
             std::process::abort();
         }
     }
+}
+
+/// Time of the processor that this process has used, s, where the system says so (hundredths, Linux).
+fn processor_s() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let fields = text.rsplit_once(')')?.1.split_whitespace().skip(11).take(2);
+    Some(fields.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0)
 }
