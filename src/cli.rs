@@ -136,3 +136,13 @@ pub fn refuse(error: &clap::Error) -> ExitCode {
     let _ = error.print();
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn arguments_of_every_command_go_together() {
+        super::Cli::command().debug_assert();
+    }
+}
