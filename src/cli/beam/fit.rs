@@ -73,7 +73,7 @@ impl Fit {
     pub fn run(&self) -> Result<(), Failure> {
         if let Some(output) = &self.output {
             self.force
-                .check_ending(output, "svg", "plots", &[self.points.clone()])?;
+                .check_ending(output, "svg", "plots", std::slice::from_ref(&self.points))?;
         }
         let compression = match self.compression {
             CompressionArg::UEng => Compression::UEng,
