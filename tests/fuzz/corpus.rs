@@ -15,7 +15,7 @@ const SIDE: usize = 6;
 pub const SCENE: &str = include_str!("scene.toml");
 pub const SCENARIO: &str = include_str!("scenario.toml");
 pub const PROBLEM: &str = "mesh = \"block.msh\"\nmodel = \"linear\"\nreport_nodes = [0, 5]\n[[material]]\nyoung_kpa = 5.0\npoisson = 0.45\n\
-    [[material]]\nregion = 2\nyoung_kpa = 30.0\npoisson = 0.4\nknee_strain = 0.3\nstiffening = 2.0\n\
+    [[material]]\nregion = 2\nyoung_kpa = 30.0\npoisson = 0.4\n\
     [[fix]]\nbox_mm = [[-inf, -inf, -inf], [inf, inf, 1.0]]\n[[fix]]\nnodes = [26]\naxes = \"x\"\ndisplacement_mm = [1.0, 0.0, 0.0]\n\
     [[load]]\nnodes = [18, 20]\nforce_n = [0.0, 0.0, 0.01]\n";
 pub const COURSE: &str = "[nonlinear]\nscheme = \"newton\"\ntolerance = 1e-6\niterations = 20\n[viscoelastic]\norder = 0.1\n\

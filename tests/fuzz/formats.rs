@@ -58,7 +58,10 @@ pub fn all(folder: &Path) -> Vec<Format> {
     let named = |all: &[(&str, &str)]| all.iter().map(|(_, text)| text.as_bytes().to_vec()).collect::<Vec<_>>();
     let course = format!(
         "{}{}",
-        corpus::PROBLEM.replace("linear", "viscoelastic"),
+        corpus::PROBLEM.replace("linear", "viscoelastic").replace(
+            "poisson = 0.4\n",
+            "poisson = 0.4\nknee_strain = 0.3\nstiffening = 2.0\n"
+        ),
         corpus::COURSE
     );
     let of = |name, file, binary, corpus, run| Format {
@@ -243,7 +246,10 @@ fn labels(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
             let _ = generate(&grid, 60, &GenerateOptions::default(), |_| {});
         }
         1..4 => {
-            let _ = rendered(SceneFile::for_labels(path), folder);
+            // Solid textures take longer than all else.
+            let mut file = SceneFile::for_labels(path);
+            file.effects = Some(Default::default());
+            let _ = rendered(file, folder);
         }
         _ => {}
     }
@@ -384,10 +390,13 @@ fn beam(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     Ok(())
 }
 
-fn material(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
+fn material(path: &Path, _: &[u8], dice: &mut Dice) -> Result<(), Error> {
     let case = material_case::CaseFile::read(path)?.resolve()?;
-    let report = case.run()?;
-    let _ = (report.warnings(), report.to_string());
+    // It is halved until it is exact: thousands of steps.
+    if dice.below(16) == 0 {
+        let report = case.run()?;
+        let _ = (report.warnings(), report.to_string());
+    }
     Ok(())
 }
 

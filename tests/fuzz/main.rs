@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 use formats::Format;
 use mutate::Dice;
 
-/// Cases of each format where none are asked for: some ten seconds in all.
+/// Cases of each format where none are asked for: about a minute in all.
 const CASES: u64 = 400;
 /// Longest case, s.
 const PATIENCE_S: f64 = 10.0;

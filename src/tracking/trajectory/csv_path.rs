@@ -7,9 +7,12 @@ use nalgebra::{Matrix4, Vector3};
 
 use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
 use crate::read;
+use crate::text::head;
 use crate::tracking::pose::{InvalidPose, Pose};
 use crate::tracking::world::World;
 
+/// Longest name or cell that is quoted, columns.
+const FOUND: usize = 60;
 const POSITION: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const DIRECTION: [&str; 3] = ["dx", "dy", "dz"];
@@ -170,7 +173,7 @@ impl Columns {
     fn from_header(header: &csv::StringRecord, path: &Path) -> Result<Self, CsvError> {
         let problem = |column: &str, problem| CsvError::Column {
             path: path.to_owned(),
-            column: column.to_owned(),
+            column: head(column, FOUND),
             problem,
         };
         let known = || {
@@ -231,7 +234,7 @@ impl Columns {
                     path: path.to_owned(),
                     line,
                     column,
-                    found: cell.to_owned(),
+                    found: head(cell, FOUND),
                 }),
             }
         };
