@@ -89,7 +89,7 @@ impl ProblemFile {
             surface: spec.surface || spec.nodes.is_none() && spec.node_force_n.is_none(),
         };
         let nodes = choice.select(&table, mesh).map_err(|odd| self.odd(odd))?;
-        let strongest = "-1e9 to 1e9 N";
+        let strongest = "a finite number, -1e9 to 1e9 N";
         match (spec.total_force_n, spec.pressure_kpa, spec.node_force_n) {
             (None, None, Some(force_n)) => {
                 self.vector(&format!("{table}.node_force_n"), &force_n, STRONGEST, strongest)?;
