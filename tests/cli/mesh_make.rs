@@ -130,7 +130,10 @@ fn what_cannot_be_meshed_is_status_2_and_leaves_no_file() {
         ("--nodes 100 -o a.vtu", vec!["VOLUME"]),
         ("block.nrrd --phantom spine --nodes 100 -o a.vtu", vec!["--phantom"]),
         ("--phantom heart --nodes 100 -o a.vtu", vec!["heart", "abdomen"]),
-        ("block.nrrd --nodes 100 --labels 5 -o a.vtu", vec!["label 5", "4, 7"]),
+        (
+            "block.nrrd --nodes 100 --labels 5 -o a.vtu",
+            vec!["label 5", "4 (gallbladder), 7 (pancreas)"],
+        ),
         (
             "block.nrrd --nodes 100 --min-dihedral-deg 45 -o a.vtu",
             vec!["min_dihedral_deg is 45", "0 to 30 degrees"],
