@@ -219,7 +219,12 @@ impl Insert {
         });
         bar.finish_and_clear();
         let scenario = scenario?;
-        scenario.notes.iter().for_each(terminal::note);
+        for (at, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
+            match at {
+                0 => terminal::note(line),
+                _ => terminal::say(line),
+            }
+        }
         scenario.warnings.iter().for_each(terminal::warn);
         if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {
             terminal::warn("quality.step_ms of the scene's own file is not heeded: state it in the scenario");

@@ -137,7 +137,9 @@ impl Course {
             0 => format!("outside {mm:.0}"),
             label => format!("{} {mm:.0}", body.name(*label)),
         };
-        self.layers.iter().map(one).collect::<Vec<_>>().join(", ") + " mm"
+        // Steps between voxels are no layers.
+        let layers = self.layers.iter().filter(|(_, mm)| *mm >= 1.0);
+        layers.map(one).collect::<Vec<_>>().join(", ") + " mm"
     }
 }
 
