@@ -248,7 +248,7 @@ fn what_the_limits_of_the_process_do_not_hold_is_refused_with_its_bytes() {
         .unwrap()
         .set_len(1 << 30)
         .unwrap();
-    limited("info large.nhdr").fails(1, &["large.raw", "1024 x 1024 x 1024", "2.0 GiB (2147483648 bytes)"]);
+    limited("info large.nhdr").fails(1, &["large.raw", "1024 x 1024 x 1024", "1.0 GiB (1073741824 bytes)"]);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::support::{Bench, grey, grey16};
 
 /// Whole metres.
 const FAR: [f64; 3] = [-57_000.0, 1e5, 3_000.0];
-const LAYERS: [&str; 5] = ["labels", "displacement", "depth", "needle", "shadowed"];
+const LAYERS: [&str; 5] = ["label-value", "displacement", "depth", "needle", "loss"];
 
 /// A phantom, pressed by the probe and with a needle in it, all of it moved.
 fn write(bench: &Bench, name: &str, by: [f64; 3]) {

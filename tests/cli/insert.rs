@@ -172,8 +172,12 @@ fn ground_truth_follows_needle_and_tissue() {
     let bench = bench();
     let scan = "[scene.pose]\nposition_mm = [3, 2, -45]\ndirection = [0, 0, 1]\nlateral = [1, 0, 0]\n[scene.probe]";
     // As fine as a needle of 1.27 mm wants it.
-    let fine = BLOCK.replace("lines = 24", "lines = 100").replace("samples = 48", "samples = 200");
-    let fine = fine.replace("width = 24", "width = 120").replace("height = 16", "height = 160");
+    let fine = BLOCK
+        .replace("lines = 24", "lines = 100")
+        .replace("samples = 48", "samples = 200");
+    let fine = fine
+        .replace("width = 24", "width = 120")
+        .replace("height = 16", "height = 160");
     bench.write("block.toml", &fine.replace("[scene.probe]", scan));
     let arguments = "--layers label-value,displacement,needle --sidecar --overview --backend cpu -q";
     bench.run(&format!("insert block.toml -o out {arguments}")).text();

@@ -308,7 +308,7 @@ mod unix {
         let bench = bench();
         let long = "render sweep.toml --backend cpu --size 900x900 --frames 2000 -o frames";
         assert_eq!(interrupted(&bench, long, "KILL"), None);
-        assert_eq!(leftovers(&bench).len(), 1);
+        assert!(!leftovers(&bench).is_empty());
         bench.run("render sweep.toml --backend cpu --frames 2 -o frames").text();
         assert_eq!(bench.files("frames"), ["frame_0000.png", "frame_0001.png"]);
     }

@@ -251,7 +251,7 @@ fn other_formats_are_named() {
     refused("textures/gdcm-US-ALOKA-16.dcm", "DICOM is not supported");
     refused(
         "meshes/aigt_NeedleModel.vtk",
-        "expected the start of a NIfTI-1, NRRD or MetaImage file",
+        "a mesh is not supported; give a volume of labels",
     );
     refused(
         "formats/pynrrd/BallBinary30x30x30.raw",

@@ -6,16 +6,20 @@ use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 use crate::support::{fault, small};
 
 /// The text that the caret stands under.
-fn marked(error: &SceneError, text: &str) -> String {
+fn marked(error: &SceneError) -> String {
     let label = error.labels().and_then(|mut labels| labels.next()).expect("label");
-    text[label.offset()..label.offset() + label.len()].to_owned()
+    let source = error.source_code().expect("source");
+    let marked = source.read_span(label.inner(), 0, 0).expect("a span of the source");
+    let before = label.offset() - marked.span().offset();
+    let line = std::str::from_utf8(marked.data()).expect("text");
+    line[before..before + label.len()].to_owned()
 }
 
 /// Scene text, what the caret marks, what the message says.
 fn check(text: &str, mark: &str, says: &[&str]) {
     let error = fault(text);
     let shown = error.to_string();
-    assert_eq!(marked(&error, text), mark, "{shown}\nof\n{text}");
+    assert_eq!(marked(&error), mark, "{shown}\nof\n{text}");
     let help = error.help().map(|help| help.to_string()).unwrap_or_default();
     for part in says {
         assert!(
