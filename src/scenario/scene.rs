@@ -71,7 +71,8 @@ impl ScenarioFile {
             ));
         }
         let target = self.needle.as_ref().and_then(|needle| needle.target.clone());
-        if target.is_some() && file.pose.is_none() && file.motion.is_none() {
+        let is_file = file.volume.as_ref().is_some_and(|volume| volume.file.is_some());
+        if target.is_some() && is_file && file.pose.is_none() && file.motion.is_none() {
             file.pose = Some(PoseTable {
                 target,
                 ..PoseTable::default()
