@@ -162,7 +162,7 @@ fn creep_is_that_of_the_file() {
     let creeping = resolved(&text).unwrap();
     let viscosity = creeping.stiffened.as_ref().unwrap().viscosity.unwrap();
     assert_eq!((viscosity.order, viscosity.memory), (0.1, Memory::LoadIntegral));
-    let table = "[tissue.viscosity]\norder = 0.1\nlaw = \"load-integral\"";
+    let table = "[tissue.viscosity]\norder = 0.1\nmemory = \"load-integral\"";
     assert!(text.contains(table));
     let elastic = text
         .replacen(table, "", 1)
@@ -238,7 +238,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
     let cases = [
         (elastic, "[tissue.viscosity]", "`viscosity` of a model without memory"),
         (
-            linear.replacen("[tissue.viscosity]\norder = 0.1\nlaw = \"load-integral\"", "", 1),
+            linear.replacen("[tissue.viscosity]\norder = 0.1\nmemory = \"load-integral\"", "", 1),
             "[tissue.solver]",
             "`solver` of a linear",
         ),

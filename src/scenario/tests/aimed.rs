@@ -12,6 +12,8 @@ dt_ms = 50
 [scene.volume]
 phantom = "abdomen"
 resolution_mm = 4
+[scene.pose]
+target = "lesion"
 [scene.image]
 width = 24
 height = 16
@@ -84,26 +86,41 @@ fn the_lines_that_are_told_state_the_same() {
 fn what_cannot_be_aimed_is_refused_at_its_line() {
     let far = "[needle]\nlength_mm = 30";
     for (from, to, line, words) in [
-        ("\"lesion\"", "\"lesions\"", 13, "did you mean"),
-        ("\"lesion\"", "\"lesion\"\nentry = \"left\"", 14, "beside the probe"),
-        ("\"lesion\"", "\"lesion\"\nentry = [1e9, 0, 0]", 14, "1e6"),
         (
-            "target = \"lesion\"",
-            "entry = \"beside the probe\"\nmotion.csv = \"a.csv\"",
-            13,
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\ntarget = \"lesions\"",
+            15,
+            "did you mean",
+        ),
+        (
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\ntarget = \"lesion\"\nentry = \"left\"",
+            16,
+            "beside the probe",
+        ),
+        (
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\ntarget = \"lesion\"\nentry = [1e9, 0, 0]",
+            16,
+            "1e6",
+        ),
+        (
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\nentry = \"beside the probe\"\nmotion.csv = \"a.csv\"",
+            15,
             "without `target`",
         ),
         (
-            "\"lesion\"",
-            "\"lesion\"\nmotion.csv = \"a.csv\"",
-            13,
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\ntarget = \"lesion\"\nmotion.csv = \"a.csv\"",
+            15,
             "each moves the needle",
         ),
-        ("[needle]", far, 12, "no skin beside the probe"),
+        ("[needle]", far, 14, "no skin beside the probe"),
         (
-            "target = \"lesion\"",
-            "length_mm = 100",
-            12,
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\nlength_mm = 100",
+            14,
             "a needle that does not move",
         ),
     ] {
