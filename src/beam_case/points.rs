@@ -5,6 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::mechanics::needle::beam::fit::{FitError, Sample};
 use crate::read;
+use crate::text::clipped;
+
+/// Most columns of a cell that a message quotes.
+const QUOTED: usize = 60;
 
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
@@ -75,7 +79,7 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, PointsError> {
     let wrong = |line: u64, found: String, expected| PointsError::Line {
         path: path.to_owned(),
         line,
-        found,
+        found: clipped(&found, QUOTED),
         expected,
     };
     let mut reader = csv::ReaderBuilder::new()
