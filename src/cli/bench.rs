@@ -126,6 +126,8 @@ impl Bench {
                 "ask for auto, cpu or gpu",
             ));
         }
+        let printed = Printed::new(self.output.clone(), self.force, self.json);
+        printed.check()?;
         let scene = match self.input.is_default() {
             true => SceneFile::parse(SCENE, "the scene of --compare")?.resolve(Path::new(""))?,
             false => self.input.scene(&self.backend)?.0,
@@ -142,7 +144,7 @@ impl Bench {
             settings: &scene.settings,
             state: &state,
         };
-        Printed::new(self.output.clone(), self.force, self.json).run(|progress| {
+        printed.run(|progress| {
             let mut study = compare(&subject, &options, progress)?;
             study.notes.extend(missing);
             Ok(study)

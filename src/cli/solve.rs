@@ -115,7 +115,7 @@ impl Solve {
                 ("stress_kpa", Values::Symmetric(&fields.stress_kpa)),
                 ("von_mises_kpa", Values::Scalars(&fields.von_mises_kpa())),
             ];
-            write_vtu_with(output, problem.mesh(), &of_nodes, &of_elements)?;
+            write_vtu_with(output, problem.mesh(), &Default::default(), &of_nodes, &of_elements)?;
         }
         if let (Some(output), Some(history)) = (&self.history, &solved.history) {
             let table = history.csv(problem.report_nodes());

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use insonify::output::folder::Folder;
 use insonify::study::tradeoff::Study;
 
 use super::failure::Failure;
@@ -42,10 +43,19 @@ impl Printed {
         Self { output, force, json }
     }
 
+    /// Looks whether the folder can be written to, before anything is prepared for the study.
+    pub fn check(&self) -> Result<(), Failure> {
+        self.folder().map(drop)
+    }
+
+    fn folder(&self) -> Result<Option<Folder>, Failure> {
+        let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
+        self.output.as_ref().map(open).transpose()
+    }
+
     /// Makes the folder, shows how far `study` is, writes and prints what it found.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
-        let open = |target: &PathBuf| self.force.folder(target, "study", &["index.html"], &[]);
-        let folder = self.output.as_ref().map(open).transpose()?;
+        let folder = self.folder()?;
         let study = watched(study)?;
         if let (Some(folder), Some(target)) = (folder, &self.output) {
             let files = study.write(folder.path())?;

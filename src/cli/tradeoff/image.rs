@@ -49,6 +49,7 @@ pub struct Image {
 impl Image {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
+        self.printed.check()?;
         if matches!(self.backend.backend, BackendName::CpuF64) {
             return Err(Failure::usage(
                 "--backend cpu-f64: double precision is what all else is compared with",

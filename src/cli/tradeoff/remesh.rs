@@ -61,6 +61,7 @@ pub struct Remesh {
 impl Remesh {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
+        self.printed.check()?;
         let meshes = self.meshes()?;
         let Means { gpus, missing } = self.backend.gpus()?;
         self.printed.run(|progress| {

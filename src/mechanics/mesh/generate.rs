@@ -184,8 +184,10 @@ pub enum GenerateError {
         /// The smallest budget found to work.
         least: usize,
     },
-    /// The budget is too small even for this tissue at any size tried.
-    #[error("no mesh of up to {nodes} nodes resolves this tissue: it is too thin for its extent")]
+    /// No budget tried is enough for this tissue.
+    #[error(
+        "no mesh of up to {nodes} nodes was found to fill this tissue, which is thin for its extent; ask for more nodes"
+    )]
     TooThin {
         /// The largest budget tried.
         nodes: usize,

@@ -83,7 +83,7 @@ fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
     }
 }
 
-/// A mesh of at most `nodes` nodes; none if there is none of so few.
+/// A mesh of at most `nodes` nodes; none if there is none of so few or the sampler's work is spent.
 pub(super) fn within(
     tissue: &Tissue,
     sampler: &Sampler,
@@ -98,6 +98,9 @@ pub(super) fn within(
             return Ok(None);
         };
         for round in 0..ROUNDS {
+            if sampler.is_spent() {
+                return Ok(None);
+            }
             fit::fit(&mut draft, tissue, &limits);
             smooth::relax(&mut draft);
             draft.sample(tissue, sampler);
@@ -150,6 +153,9 @@ fn refined(
         let end = refinement.refine(target, tissue, sampler, |found| {
             progress(0.3 * found as f32 / target.max(1) as f32);
         });
+        if sampler.is_spent() {
+            return Ok(None);
+        }
         if refinement.is_overlong() {
             let max_edge_mm = max_edge;
             return Err(GenerateError::LongEdges { max_edge_mm, nodes });
@@ -183,7 +189,7 @@ fn refined(
     Ok(best.filter(|draft| draft.kept_nodes() > 0))
 }
 
-/// Why `nodes` are too few, with the least that works: found by doubling, then halving the interval.
+/// Why `nodes` are too few, with the least that works: found by doubling, then halving the interval while work is left.
 pub(super) fn shortage(
     tissue: &Tissue,
     sampler: &Sampler,
@@ -192,15 +198,15 @@ pub(super) fn shortage(
 ) -> Result<GenerateError, GenerateError> {
     let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|found| found.is_some());
     let (mut short, mut enough) = (nodes, nodes.max(4));
-    let most = sampler.work() + MOST_SEARCH;
+    sampler.limit(MOST_SEARCH);
     while !works(enough)? {
-        if enough > MOST_TRIED || sampler.work() > most {
+        if enough > MOST_TRIED || sampler.is_spent() {
             return Ok(GenerateError::TooThin { nodes: enough });
         }
         short = enough;
         enough *= 2;
     }
-    while enough - short > 1 + enough / 16 {
+    while enough - short > 1 + enough / 16 && !sampler.is_spent() {
         let middle = short + (enough - short) / 2;
         if works(middle)? {
             enough = middle;

@@ -60,6 +60,7 @@ impl Contents {
 pub(super) struct Sampler {
     lattices: Vec<Vec<[f64; 4]>>,
     work: AtomicU64,
+    most: AtomicU64,
 }
 
 impl Sampler {
@@ -79,7 +80,18 @@ impl Sampler {
         Sampler {
             lattices: (LEAST_ORDER..=MOST_ORDER).map(lattice).collect(),
             work: AtomicU64::new(0),
+            most: AtomicU64::new(u64::MAX),
         }
+    }
+
+    /// Limits the work from here on.
+    pub fn limit(&self, more: u64) {
+        self.most.store(self.work().saturating_add(more), Ordering::Relaxed);
+    }
+
+    /// The limit is reached.
+    pub fn is_spent(&self) -> bool {
+        self.work() >= self.most.load(Ordering::Relaxed)
     }
 
     /// Work so far: points looked at, and [`WORK`] for each element.

@@ -80,7 +80,7 @@ impl Refinement {
         self.kept_nodes
     }
 
-    /// Halves elements until `target` nodes belong to tissue.
+    /// Halves elements until `target` nodes belong to tissue or the sampler's work is spent.
     pub fn refine(
         &mut self,
         target: usize,
@@ -89,7 +89,8 @@ impl Refinement {
         mut progress: impl FnMut(usize),
     ) -> End {
         let mut changed = Vec::new();
-        while self.kept_nodes < target && self.mesh.nodes.len() < SURROUNDINGS * target + LATTICE_ROOM {
+        let room = SURROUNDINGS * target + LATTICE_ROOM;
+        while self.kept_nodes < target && self.mesh.nodes.len() < room && !sampler.is_spent() {
             let Some(entry) = self.queue.pop() else {
                 return End::Pure;
             };

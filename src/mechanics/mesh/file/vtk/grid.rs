@@ -38,6 +38,7 @@ pub(super) struct Grid {
     pub types: Vec<i64>,
     pub point_arrays: Vec<Array>,
     pub cell_arrays: Vec<Array>,
+    pub region_names: BTreeMap<i32, String>,
 }
 
 /// Whether [`Grid::select`] looks at the values of an array of points or cells.
@@ -84,7 +85,7 @@ impl Grid {
             regions,
             displacements,
             skipped_cells,
-            region_names: BTreeMap::new(),
+            region_names: self.region_names.clone(),
             warnings: Vec::new(),
         })
     }

@@ -4,6 +4,7 @@
 //! and that several readers refuse; inline, ParaView, VTK, meshio and vtkio all read it, and the blocks make up for the
 //! third that base64 adds.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -20,6 +21,8 @@ use crate::output::atomic;
 
 /// The cell array that is written with the region numbers.
 pub const REGION: &str = "region";
+/// The field array of the names of regions: strings such as `5 liver`.
+pub(super) const REGION_NAMES: &str = "region_names";
 
 /// VTK's own size of uncompressed blocks, bytes.
 const BLOCK: usize = 32_768;
@@ -56,16 +59,18 @@ impl Values<'_> {
 /// As [`write_vtu_with`].
 pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> Result<(), MeshFileError> {
     let displacements = displacements.map(|all| (DISPLACEMENT, Values::Vectors(all)));
-    write_vtu_with(path, mesh, displacements.as_slice(), &[])
+    write_vtu_with(path, mesh, &BTreeMap::new(), displacements.as_slice(), &[])
 }
 
-/// As [`write_vtu`], with any named arrays: `point_arrays` hold an entry for each node, `cell_arrays` for each element.
+/// As [`write_vtu`], with names of regions and any named arrays: `point_arrays` hold an entry for each node, `cell_arrays` for each
+/// element.
 ///
 /// # Errors
 /// [`MeshFileError::Array`] where an array has another length, no name or that of another; [`MeshFileError::Write`].
 pub fn write_vtu_with(
     path: &Path,
     mesh: &TetMesh,
+    region_names: &BTreeMap<i32, String>,
     point_arrays: &[(&str, Values)],
     cell_arrays: &[(&str, Values)],
 ) -> Result<(), MeshFileError> {
@@ -73,7 +78,9 @@ pub fn write_vtu_with(
     let cell_arrays = [&regions[..], cell_arrays].concat();
     check(path, "nodes", mesh.nodes().len(), point_arrays)?;
     check(path, "tetrahedra", mesh.elements().len(), &cell_arrays)?;
-    Ok(atomic::write(path, |out| vtu(out, mesh, point_arrays, &cell_arrays))?)
+    Ok(atomic::write(path, |out| {
+        vtu(out, mesh, region_names, point_arrays, &cell_arrays)
+    })?)
 }
 
 fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values)]) -> Result<(), MeshFileError> {
@@ -101,6 +108,7 @@ fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values
 fn vtu(
     out: &mut impl Write,
     mesh: &TetMesh,
+    region_names: &BTreeMap<i32, String>,
     point_arrays: &[(&str, Values)],
     cell_arrays: &[(&str, Values)],
 ) -> io::Result<()> {
@@ -110,8 +118,25 @@ fn vtu(
     write!(
         out,
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n\
-         <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>\n",
+         header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n"
+    )?;
+    if !region_names.is_empty() {
+        write!(
+            out,
+            "<FieldData>\n<Array type=\"String\" Name=\"{REGION_NAMES}\" NumberOfTuples=\"{}\" format=\"ascii\">\n",
+            region_names.len()
+        )?;
+        for (region, name) in region_names {
+            for code in format!("{region} {name}").bytes().filter(|code| *code != 0) {
+                write!(out, "{code} ")?;
+            }
+            writeln!(out, "0")?;
+        }
+        writeln!(out, "</Array>\n</FieldData>")?;
+    }
+    write!(
+        out,
+        "<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>\n",
         nodes.len(),
         cells.len()
     )?;

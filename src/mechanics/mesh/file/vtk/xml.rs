@@ -4,7 +4,10 @@ mod data;
 mod packed;
 mod tags;
 
+use std::collections::BTreeMap;
+
 use super::grid::{Array, Grid, integers};
+use super::write::REGION_NAMES;
 use super::{Fault, quote};
 use data::{Appended, Encoding, values};
 use tags::{Scanner, Tag};
@@ -17,6 +20,7 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
     let mut sections: Vec<String> = Vec::new();
     let mut counts = None;
     let mut appended = None;
+    let mut names = BTreeMap::new();
     while let Some(tag) = scanner.tag()? {
         if tag.closing {
             sections.pop();
@@ -32,6 +36,9 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
                     false => scanner.text(),
                 };
                 piece.add(sections.last().map_or("", String::as_str), tag.clone(), text, &wanted)?;
+            }
+            "Array" if tag.get("Name") == Some(REGION_NAMES) && tag.get("format") == Some("ascii") && !tag.empty => {
+                names = region_names(scanner.text())?;
             }
             "AppendedData" => {
                 appended = Some(Appended::of(&tag, &scanner)?);
@@ -50,9 +57,29 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
             "a VTKFile with an UnstructuredGrid and one Piece",
         ));
     };
-    piece.grid(points, cells, |raw, count| {
+    let grid = piece.grid(points, cells, |raw, count| {
         values(&raw.tag, raw.text, &file, appended.as_ref(), count)
+    })?;
+    Ok(Grid {
+        region_names: names,
+        ..grid
     })
+}
+
+/// Names of regions from strings such as `5 liver`, as codes of characters that end in 0; strings without a number are passed over.
+fn region_names((at, text): (usize, &[u8])) -> Result<BTreeMap<i32, String>, Fault> {
+    let mut codes = Vec::new();
+    for word in text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
+        let code: Option<u8> = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        let offset = at + (word.as_ptr() as usize - text.as_ptr() as usize);
+        codes.push(code.ok_or_else(|| Fault::at(offset, quote(word), "the code of a character, 0 to 255"))?);
+    }
+    let named = codes.split(|code| *code == 0).filter_map(|name| {
+        let name = String::from_utf8_lossy(name);
+        let (number, name) = name.split_once(' ')?;
+        Some((number.parse().ok()?, name.to_owned()))
+    });
+    Ok(named.collect())
 }
 
 /// An array as the file has it.
@@ -143,6 +170,7 @@ impl<'a> Piece<'a> {
             offsets,
             point_arrays: all(self.point_arrays, points)?,
             cell_arrays: all(self.cell_arrays, cells)?,
+            region_names: BTreeMap::new(),
         })
     }
 }

@@ -40,6 +40,22 @@ fn elements_without_volume_where_they_lie_are_refused() {
     assert_eq!(counted(&volume, 60).0.unwrap_err(), GenerateError::Far);
 }
 
+#[test]
+fn search_for_the_least_budget_is_bounded() {
+    let mut volume = Volume::new([3, 3, 6], [1.0, 582.5, 1.0], |at| u8::from((at[2] - 3.0).abs() < 2.0));
+    volume.index_to_world =
+        Matrix3::new(1.0, -2.7, -14.3, 0.0, 1.0, 4.3, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
+    let (found, work) = counted(&volume, 8);
+    assert!(
+        matches!(
+            found,
+            Err(GenerateError::TooFewNodes { .. } | GenerateError::TooThin { .. })
+        ),
+        "{found:?}"
+    );
+    assert!(work <= 8 * PER_NODE + 2 * budget::MOST_SEARCH, "{work}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, cases: 16, ..ProptestConfig::default() })]
 
@@ -61,8 +77,7 @@ proptest! {
         let [x, y, z] = shear.map(|x| x * x * x);
         volume.index_to_world = Matrix3::new(1.0, x, y, 0.0, 1.0, z, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
         let (found, work) = counted(&volume, nodes);
-        // The search ends with the budget that is tried when its work is done, at most twice the one before.
-        let most = nodes as u64 * PER_NODE + 4 * budget::MOST_SEARCH;
+        let most = nodes as u64 * PER_NODE + 2 * budget::MOST_SEARCH;
         prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, found.map(|found| found.report));
     }
 }

@@ -46,9 +46,33 @@ fn arrays_longer_than_a_block_and_of_whole_blocks_are_read_again() {
             .collect();
         let mesh = TetMesh::new(nodes, elements, (0..cells).collect()).unwrap();
         let mut bytes = Vec::new();
-        vtu(&mut bytes, &mesh, &[], &[(REGION, Values::Integers(mesh.regions()))]).unwrap();
+        vtu(
+            &mut bytes,
+            &mesh,
+            &BTreeMap::new(),
+            &[],
+            &[(REGION, Values::Integers(mesh.regions()))],
+        )
+        .unwrap();
         assert_eq!(super::super::tests::read(&bytes).unwrap().mesh, mesh, "{cells}");
     }
+}
+
+#[test]
+fn names_of_regions_are_read_again() {
+    let (mesh, _) = sample();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.vtu");
+    let names = BTreeMap::from([(-3, "Leber <links>".to_owned()), (5, "\u{9aa8} & x".to_owned())]);
+    write_vtu_with(&path, &mesh, &names, &[], &[]).unwrap();
+    assert_eq!(read_mesh(&path, &ReadOptions::default()).unwrap().region_names, names);
+    let broken = std::fs::read_to_string(&path).unwrap().replacen(" 0\n", " 256 0\n", 1);
+    std::fs::write(&path, broken).unwrap();
+    let message = read_mesh(&path, &ReadOptions::default()).unwrap_err().to_string();
+    assert!(
+        message.contains("256") && message.contains("code of a character"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -64,7 +88,14 @@ fn named_arrays_keep_their_bits() {
         ("pressure <kPa> & \"more\"", Values::Scalars(&pressure)),
         ("ids", Values::Integers(&ids)),
     ];
-    write_vtu_with(&path, &mesh, &points, &[("gradient", Values::Vectors(&gradient))]).unwrap();
+    write_vtu_with(
+        &path,
+        &mesh,
+        &BTreeMap::new(),
+        &points,
+        &[("gradient", Values::Vectors(&gradient))],
+    )
+    .unwrap();
     let grid = xml::parse(&std::fs::read(&path).unwrap(), |_, _| true).unwrap();
     let names: Vec<&str> = grid.point_arrays.iter().map(|array| array.name.as_str()).collect();
     assert_eq!(names, ["pressure <kPa> & \"more\"", "ids"]);
@@ -103,7 +134,7 @@ fn arrays_that_cannot_be_written_leave_no_file() {
         (&[], &[(REGION, Values::Integers(&regions))], "taken".to_owned()),
         (&[], &[("x", Values::Integers(&regions[2..]))], "tetrahedra".to_owned()),
     ] {
-        let error = write_vtu_with(&path, &mesh, points, cells).unwrap_err();
+        let error = write_vtu_with(&path, &mesh, &BTreeMap::new(), points, cells).unwrap_err();
         assert!(error.to_string().contains(&says) && !error.is_machine(), "{error}");
     }
     let nowhere = write_vtu(&folder.path().join("no/such/mesh.vtu"), &mesh, None).unwrap_err();
