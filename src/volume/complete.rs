@@ -107,6 +107,9 @@ pub struct Completed {
     pub note: String,
 }
 
+/// Extent of a volume along an axis below which no body is closed around it, mm.
+const SMALLEST_MM: f64 = 0.5;
+
 /// Why a volume cannot be completed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CompletionError {
@@ -169,6 +172,11 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         return Ok(unchanged("the labels describe the whole body: nothing was filled"));
     }
     let spacing = volume.spacing_mm();
+    if (0..3).any(|axis| spacing[axis] * (volume.size()[axis] as f64) < SMALLEST_MM) {
+        return Ok(unchanged(
+            "the volume is less than 0.5 mm thick: no body was closed around it",
+        ));
+    }
     let thinnest = spacing.iter().copied().fold(0.0, f64::max);
     let skin_mm = options.skin_mm.max(thinnest);
     let Some(outline) = Outline::around(volume, options.fat_mm + skin_mm) else {

@@ -172,6 +172,10 @@ fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
     }
     let empty = LabelVolume::new([4, 4, 4], vec![0; 64], vec![label(0, None)], Matrix4::identity()).unwrap();
     assert_eq!(run(&empty).filled, Filled::default());
+    let mut thin = *plain.index_to_world();
+    thin.column_mut(1).scale_mut(1e-38);
+    let thin = LabelVolume::new(plain.size(), plain.voxels().to_vec(), plain.labels().to_vec(), thin).unwrap();
+    assert_eq!(run(&thin).filled, Filled::default());
     let phantom = crate::phantom::make(
         crate::phantom::Phantom::TwoLayer,
         &crate::phantom::PhantomOptions {
