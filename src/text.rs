@@ -59,6 +59,15 @@ pub fn clipped(text: &str, columns: usize) -> String {
     })
 }
 
+/// The first names of a list and the number of the others.
+pub(crate) fn some_of(names: &[String]) -> String {
+    const SHOWN: usize = 16;
+    match names.len().saturating_sub(SHOWN) {
+        0 => names.join(", "),
+        more => format!("{} and {more} more", names[..SHOWN].join(", ")),
+    }
+}
+
 /// A column of a table, left-aligned: the heading, then the names, all of one width.
 pub fn column<'a>(heading: &'a str, names: impl IntoIterator<Item = &'a str>) -> Vec<String> {
     let mut cells: Vec<String> = std::iter::once(heading)

@@ -7,6 +7,7 @@ use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::nearest;
+use crate::text;
 
 /// A region: a name of it or a part that no other name has; or its number, which is a label value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
@@ -71,14 +72,10 @@ pub enum NoRegion {
     },
 }
 
-/// How many of a long list a message names.
-const NAMED: usize = 16;
-
 fn listed(known: &[String]) -> String {
-    match known.len() {
-        0 => "a mesh or volume that has regions".to_owned(),
-        count if count > NAMED => format!("one of {} and {} more", known[..NAMED].join(", "), count - NAMED),
-        _ => format!("one of {}", known.join(", ")),
+    match known.is_empty() {
+        true => "a mesh or volume that has regions".to_owned(),
+        false => format!("one of {}", text::some_of(known)),
     }
 }
 

@@ -91,9 +91,12 @@ pub fn frame_path(folder: &Path, frame: usize, of: usize) -> PathBuf {
 
 /// Where a layer of a file goes: beside it, with the layer's name before the ending: `frame_0000_depth.png`.
 pub fn layer_path(file: &Path, layer: &str) -> PathBuf {
-    let mut name = file.file_stem().unwrap_or_default().to_owned();
-    name.push("_");
-    name.push(layer);
+    let stem = Path::new(file.file_stem().unwrap_or_default());
+    // Sequences of PLUS end in .igs.mha.
+    let mut name = match stem.extension().is_some_and(|inner| inner.eq_ignore_ascii_case("igs")) {
+        true => layer_path(stem, layer).into_os_string(),
+        false => [stem.as_os_str(), "_".as_ref(), layer.as_ref()].into_iter().collect(),
+    };
     name.push(".");
     name.push(file.extension().unwrap_or("png".as_ref()));
     file.with_file_name(name)
@@ -114,6 +117,10 @@ mod tests {
         let rgb = &grey[..30];
         let path = layer_path(&path, "depth");
         assert!(path.ends_with("frame_0003_depth.png"));
+        assert_eq!(
+            layer_path("a/b.igs.mha".as_ref(), "depth"),
+            Path::new("a/b_depth.igs.mha")
+        );
         write_rgb(&path, 5, 2, rgb).expect("written");
         let image = image::open(&path).expect("png").into_rgb8();
         assert_eq!((image.dimensions(), image.into_raw()), ((5, 2), rgb.to_vec()));

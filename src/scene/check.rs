@@ -61,6 +61,19 @@ impl SceneFile {
             self.fault(key, error)
         })?;
         let effects = self.effects.clone().unwrap_or_else(Effects::usual);
+        if effects.tone.is_none()
+            && effects
+                != (Effects {
+                    slice: effects.slice.clone(),
+                    ..Effects::default()
+                })
+        {
+            notes.push(
+                "effects that `[effects]` does not name are off, the log compression of `tone` among them: grey levels are linear \
+                 in amplitude"
+                    .to_owned(),
+            );
+        }
         effects
             .validate()
             .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;

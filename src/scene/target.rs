@@ -6,6 +6,7 @@ use super::error::{Problem, SceneError};
 use super::file::SceneFile;
 use crate::document::{Names, RegionName, nearest, plain};
 use crate::phantom;
+use crate::text::some_of;
 use crate::tissue::TissueTable;
 use crate::tracking::matrix::Rows;
 use crate::tracking::placement::{Meaning, PlacementOptions, place};
@@ -123,15 +124,6 @@ impl SceneFile {
                 body.before(label).map_err(|error| self.fault("pose", error))
             }
         }
-    }
-}
-
-/// A few of some names, for a message.
-fn some_of(names: &[String]) -> String {
-    const SHOWN: usize = 8;
-    match names.len().saturating_sub(SHOWN) {
-        0 => names.join(", "),
-        more => format!("{} and {more} more", names[..SHOWN].join(", ")),
     }
 }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
 use crate::document::plain;
+use crate::text;
 use crate::volume::Label;
 
 /// How labels without an explicit tissue find theirs.
@@ -295,7 +296,7 @@ impl TissueTable {
                 "no tissue known for label{} {}; taken as soft_tissue; to choose, name the labels with --names FILE or \
                  volume.names, or write [[tissue]] with name and labels = [VALUE, ...]",
                 if unknown.len() == 1 { "" } else { "s" },
-                unknown.join(", ")
+                text::some_of(&unknown)
             ));
         }
         Ok((table, warnings))

@@ -7,6 +7,11 @@ use insonify::output::png;
 
 use crate::cli::failure::Failure;
 
+/// Endings of pictures and films that are not written and that no folder is meant by.
+const OTHERS: [&str; 14] = [
+    "avi", "bmp", "dcm", "gif", "gz", "jpeg", "jpg", "mhd", "mkv", "mov", "mp4", "tif", "tiff", "webm",
+];
+
 /// Where frames go.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
@@ -42,7 +47,9 @@ impl Target {
                 format!("-o {shown} is one picture, and there are {frames} frames"),
                 "name a folder, or an image sequence that ends in .mha or .nrrd",
             )),
-            _ if frames > 1 => Ok(Self::Folder(path.to_owned())),
+            _ if frames > 1 && !ending.as_deref().is_some_and(|ending| OTHERS.contains(&ending)) => {
+                Ok(Self::Folder(path.to_owned()))
+            }
             Some("png") | None => Ok(Self::File(path.to_owned())),
             Some(other) => Err(Failure::usage(
                 format!("-o {shown}: pictures that end in .{other} are not written"),
@@ -98,7 +105,9 @@ mod tests {
         assert_eq!(chosen("run.v2", 2), Ok(Target::Folder("run.v2".into())));
         assert_eq!(chosen("a.mha", 1), Ok(Target::Sequence("a.mha".into(), "a".into())));
         assert_eq!(chosen("a.nrrd", 9), Ok(Target::Sequence("a.nrrd".into(), "a".into())));
-        assert_eq!(chosen("a.png", 2), Err(2));
+        for other in ["a.png", "a.mp4", "a.igs.MHD"] {
+            assert_eq!(chosen(other, 2), Err(2), "{other}");
+        }
         assert_eq!(chosen("a.jpg", 1), Err(2));
         assert_eq!(chosen("", 1), Err(2));
     }
