@@ -125,7 +125,9 @@ impl Input {
                 plane,
                 ..PoseTable::default()
             });
-            file.motion = None;
+            if file.motion.take().is_some() {
+                warn("the motion of the scene is left out: --target places the probe, which stays there");
+            }
         }
         if let Some([width, height]) = self.size {
             let mut image = file.image.unwrap_or_default();

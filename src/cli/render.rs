@@ -97,6 +97,9 @@ struct PassReport {
 impl Render {
     pub fn run(&self) -> Result<(), Failure> {
         self.backend.check()?;
+        if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
+            self.force.check(&[file], &self.input.files())?;
+        }
         let (scene, picked) = self.input.scene(&self.backend)?;
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
@@ -153,9 +156,7 @@ impl Render {
             synth.render(&state)?;
             let ms = start.elapsed().as_secs_f64() * 1e3;
             passes.add(synth);
-            let odd: Vec<String> = coverage::warning(synth.tables(), &state.probe_to_world, told)
-                .into_iter()
-                .collect();
+            let odd = coverage::warnings(synth.tables(), &state.probe_to_world, told);
             let shot = Shot {
                 number: frame,
                 time_s: scene.time_s(frame, count),

@@ -38,9 +38,12 @@ pub struct Folder {
     made: Option<Live>,
 }
 
+/// Endings of numbered files that runs write.
+const WRITTEN: [&str; 3] = [".png", ".json", ".vtu"];
+
 impl Folder {
     /// Makes the folder, if it is not there, and looks whether a run of `command` can write to it. `names` are files that it will write,
-    /// relative to the folder; one that ends in `_` stands for all that begin with it. `inputs` are files that it reads.
+    /// relative to the folder; one that ends in `_` stands for numbered files that begin with it. `inputs` are files that it reads.
     ///
     /// # Errors
     /// [`PlaceError`]: no folder can be made; without `force`, a file of these names is there and no run before listed it, or it is an
@@ -134,7 +137,7 @@ impl Folder {
     fn check(&self, names: &[&str], inputs: &[PathBuf]) -> Result<(), PlaceError> {
         let wanted = |name: &str| {
             names.iter().any(|wanted| match wanted.ends_with('_') {
-                true => name.starts_with(wanted),
+                true => name.starts_with(wanted) && WRITTEN.iter().any(|ending| name.ends_with(ending)),
                 false => name == *wanted,
             })
         };

@@ -24,6 +24,12 @@ pub enum PlaceError {
         /// What the system said.
         cause: io::Error,
     },
+    /// The folder of a file is not there.
+    #[error("{}: there is no such folder; make it first, or name another", path.display())]
+    NoFolder {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A folder in place of a file, a file in place of a folder, or something that is neither.
     #[error("{}: the output must be {expected}", path.display())]
     Kind {
@@ -111,6 +117,11 @@ fn check_one(path: &Path, inputs: &[PathBuf], force: bool) -> Result<(), PlaceEr
         _ => {}
     }
     let folder = folder_of(path);
+    if !folder.exists() {
+        return Err(PlaceError::NoFolder {
+            path: folder.to_owned(),
+        });
+    }
     staged::clear_leftovers(folder);
     StagedFile::within(folder).map(drop).map_err(failed)?;
     Ok(())

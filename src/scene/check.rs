@@ -61,13 +61,7 @@ impl SceneFile {
             self.fault(key, error)
         })?;
         let effects = self.effects.clone().unwrap_or_else(Effects::usual);
-        if effects.tone.is_none()
-            && effects
-                != (Effects {
-                    slice: effects.slice.clone(),
-                    ..Effects::default()
-                })
-        {
+        if effects.tone.is_none() && effects != Effects::default() {
             notes.push(
                 "effects that `[effects]` does not name are off, the log compression of `tone` among them: grey levels are linear \
                  in amplitude"

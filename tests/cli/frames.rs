@@ -336,3 +336,35 @@ fn a_label_file_alone_is_enough() {
         .run("render scenes/own.toml --labels body.nii.gz --backend cpu -o replaced.png")
         .text();
 }
+
+#[test]
+fn doubtful_poses_and_choices_are_questioned() {
+    let bench = Bench::new();
+    let with = |name: &str, more: &str| {
+        bench.write(name, &format!("{SCENE}{more}"));
+        bench.run(&format!("render {name} --backend cpu --json"))
+    };
+    let inside = with(
+        "inside.toml",
+        "[pose]\nposition_mm = [0, 0, 0]\ndirection = [0, 1, 0]\n",
+    );
+    let warnings = inside.json()["warnings"].to_string();
+    assert!(
+        warnings.contains("inside the body") && warnings.contains("outside the volume"),
+        "{warnings}"
+    );
+    let partial = with("partial.toml", "[effects.slice]\nboundary = \"nearest\"\n");
+    assert!(partial.text().contains("\"warnings\": []"), "{partial:?}");
+    assert!(partial.stderr.contains("does not name are off"), "{partial:?}");
+    bench.write("moving.toml", &moving());
+    let still = bench.run("render moving.toml --backend cpu --target inclusion -o still.png");
+    still.text();
+    assert!(
+        still.stderr.contains("the motion of the scene is left out"),
+        "{still:?}"
+    );
+    let nowhere = bench.run("render scene.toml --backend cpu -o nowhere/frame.png");
+    nowhere.fails(2, &["nowhere: there is no such folder"]);
+    let film = bench.run("render moving.toml --backend cpu -o film.mp4 --frames 2");
+    film.fails(2, &["film.mp4", ".mha"]);
+}

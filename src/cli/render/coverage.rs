@@ -1,37 +1,70 @@
-//! Whether a scan plane meets what is imaged.
+//! Doubts about the place of the scan plane in the volume.
 
 use insonify::synth::layers::world_position;
 use insonify::synth::tables::Tables;
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, Point3};
 
 /// Longest way without tissue that a convex array on flat skin leaves under its outermost elements, mm: about the sagitta
 /// of 60 mm at 30 degrees.
 const GAP_MM: f64 = 10.0;
 
-/// What is odd about where the probe is: nothing where it sees tissue from the skin on, nor where it lies outside the volume
-/// and the user was told so.
-pub fn warning(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Option<String> {
+/// Depth of tissue behind the array from which on it lies inside the body, mm: more than skin that is pressed in.
+const BEHIND_MM: f64 = 20.0;
+
+/// Share of the samples behind the skin that may lie outside the volume.
+const BEYOND: f64 = 0.05;
+/// Every so many scanlines and samples are looked at for that.
+const STRIDE: usize = 8;
+
+/// Doubts about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None of a view wholly
+/// outside, where the user was told so.
+pub fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Vec<String> {
+    let volume = &tables.anatomy.volume;
+    let label = |line, sample| volume.label_index_at(&world_position(tables, probe_to_world, line, sample));
     let (mut inside, mut seeing, mut apart) = (false, 0, 0);
+    let (mut samples, mut beyond) = (0, 0);
     for line in 0..tables.lines() {
         let first = (0..tables.samples()).find(|&sample| {
-            let point = world_position(tables, probe_to_world, line, sample);
-            let label = tables.anatomy.volume.label_index_at(&point);
+            let label = label(line, sample);
             inside |= label.is_some();
             label.is_some_and(|label| label > 0)
         });
-        if let Some(sample) = first {
+        if let Some(first) = first {
             seeing += 1;
-            apart += usize::from(tables.grid.sample_depth_mm(sample) > GAP_MM);
+            apart += usize::from(tables.grid.sample_depth_mm(first) > GAP_MM);
+            if line % STRIDE == 0 {
+                let behind = (first..tables.samples()).step_by(STRIDE);
+                samples += behind.len();
+                beyond += behind.filter(|&sample| label(line, sample).is_none()).count();
+            }
         }
     }
-    match (seeing, inside) {
-        (0, true) => Some("the field of view meets no labelled voxel".to_owned()),
-        (0, false) => (!told).then(|| "the field of view lies wholly outside the volume".to_owned()),
-        _ if 4 * apart > tables.lines() => Some(format!(
-            "{apart} of {} scanlines pass more than {GAP_MM} mm before they meet tissue: the probe is off the skin, and the \
-             way is taken for gel, which neither echoes nor attenuates",
-            tables.lines()
-        )),
-        _ => None,
+    if seeing == 0 {
+        return match inside {
+            true => vec!["the field of view meets no labelled voxel".to_owned()],
+            false if told => Vec::new(),
+            false => vec!["the field of view lies wholly outside the volume".to_owned()],
+        };
     }
+    let mut found = Vec::new();
+    if 4 * apart > tables.lines() {
+        found.push(format!(
+            "more than a quarter of the scanlines pass {GAP_MM} mm or more before they meet tissue: the probe is off the skin, and the \
+             gap counts as gel, which neither echoes nor attenuates"
+        ));
+    }
+    let [ox, oy, dx, dy] = tables.rays[tables.lines() / 2];
+    let behind = Point3::new(ox - BEHIND_MM * dx, oy - BEHIND_MM * dy, 0.0);
+    let is_tissue = |point| volume.label_index_at(&point).is_some_and(|label| label > 0);
+    if !tables.settings.probe.shape.kind().is_transrectal() && is_tissue(probe_to_world.transform_point(&behind)) {
+        found.push(format!(
+            "the probe lies inside the body: there is tissue {BEHIND_MM} mm behind the array"
+        ));
+    }
+    if beyond as f64 > BEYOND * samples as f64 {
+        found.push(
+            "more than 5 % of the field of view behind the skin lies outside the volume and stays black".to_owned(),
+        );
+    }
+    found
 }

@@ -58,6 +58,12 @@ impl Target {
         }
     }
 
+    /// A path that names a file, however many frames there are.
+    pub fn is_file(path: &Path) -> bool {
+        let ending = path.extension().map(OsStr::to_ascii_lowercase);
+        !path.is_dir() && ending.is_some_and(|ending| ["png", "mha", "nrrd"].iter().any(|known| ending == *known))
+    }
+
     /// The path that was asked for.
     pub fn path(&self) -> &Path {
         match self {

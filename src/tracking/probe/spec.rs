@@ -38,6 +38,11 @@ impl ProbeKind {
             Self::TrusTransverse | Self::TrusSagittal => 7.0,
         }
     }
+
+    /// A probe that images from inside the body.
+    pub fn is_transrectal(self) -> bool {
+        matches!(self, Self::TrusTransverse | Self::TrusSagittal)
+    }
 }
 
 impl fmt::Display for ProbeKind {
