@@ -34,6 +34,7 @@ impl SceneFile {
         &self,
         base: &Path,
         plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Option<ProbePath>, SceneError> {
         let Some(motion) = &self.motion else { return Ok(None) };
@@ -62,7 +63,7 @@ impl SceneFile {
                 }));
             }
             (None, None, Some(spec)) => {
-                let (frames, recording) = self.recording(spec, base, plus, warnings)?;
+                let (frames, recording) = self.recording(spec, base, plus, notes, warnings)?;
                 let to_world = world.transform(spec.tracker_to_world.map_or_else(Matrix4::identity, |rows| rows.0));
                 let trajectory =
                     Trajectory::from_tracked(&frames, &recording.array_to_marker, &to_world, interpolation)

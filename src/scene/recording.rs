@@ -11,12 +11,19 @@ use super::paths::SequenceSpec;
 use crate::document::nearest;
 use crate::synth::tables::ImageSize;
 use crate::tracking::calibration::Calibration;
+use crate::tracking::matrix::Rows;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::ProbeSpec;
 use crate::tracking::sequence::{Sequence, SequenceFrame, ends};
 use crate::tracking::trajectory::{TrackedFrame, Trajectory};
 
 const KEY: &str = "motion.sequence";
+
+/// Name of the transform from the images that were calibrated to the part of them that is stored.
+pub(super) const CROP: &str = "ImageToCroppedImage";
+
+/// Difference of entries of that transform that says nothing.
+const SAME_CROP: f64 = 1e-6;
 
 /// Difference of pixel sizes that is worth a word, as a share.
 const PIXEL_SHARE: f64 = 0.05;
@@ -28,6 +35,7 @@ pub(super) struct Recording {
     pub frames: Vec<SequenceFrame>,
     /// Centre of the array to the marker on the probe, rigid.
     pub array_to_marker: Matrix4<f64>,
+    /// Of the pixels that are stored.
     calibration: Option<Calibration>,
     image_size: Option<[usize; 2]>,
 }
@@ -89,6 +97,7 @@ impl SceneFile {
         spec: &SequenceSpec,
         base: &Path,
         plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<TrackedFrame>, Recording), SceneError> {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
@@ -97,7 +106,14 @@ impl SceneFile {
         // A single pixel stands for no image.
         let stored = sequence.image_size.filter(|size| *size != [1, 1]);
         let configured = plus.and_then(PlusConfig::image_size);
-        if let (Some([width, height]), Some([columns, rows])) = (stored, configured)
+        let crop = match spec.image_to_probe.is_some() || plus.is_some() {
+            true => cropping(&frames, &sequence.frames).map_err(|found| {
+                let expected = "a shift and a scale of columns and rows, valid and the same in all frames";
+                self.wrong_keys("motion.sequence.file", format!("`{CROP}` that {found}"), expected)
+            })?,
+            false => None,
+        };
+        if let (Some([width, height]), Some([columns, rows]), None) = (stored, configured, crop)
             && stored != configured
         {
             warnings.push(format!(
@@ -107,9 +123,10 @@ impl SceneFile {
         }
         let image_size = stored.or(configured);
         let marker = ends(transform).map_or("Probe", |(from, _)| from);
-        let calibration = self.calibration(spec, plus, marker, image_size)?;
+        let calibrated_size = if crop.is_some() { configured } else { image_size };
+        let calibration = self.calibration(spec, plus, marker, calibrated_size)?;
         if let Some(calibration) = &calibration {
-            let skewed = calibration.skew_warning(image_size.unwrap_or([640, 480]));
+            let skewed = calibration.skew_warning(calibrated_size.unwrap_or([640, 480]));
             let other = plus
                 .and_then(PlusConfig::pixel_mm)
                 .and_then(|stated| calibration.other_pixels(stated, PIXEL_SHARE));
@@ -120,11 +137,18 @@ impl SceneFile {
                     .map(|text| format!("{KEY}: {text}")),
             );
         }
+        notes.extend(crop.map(|crop| {
+            let [column, row] = [0, 1].map(|axis| 0.0 - crop[(axis, 3)] / crop[(axis, axis)]);
+            format!(
+                "{KEY}: the images are cropped (`{CROP}`): their pixel (0, 0) is pixel ({column}, {row}) of those that were \
+                 calibrated"
+            )
+        }));
         let stated = spec.transducer_to_probe.map_or_else(Matrix4::identity, |rows| rows.0);
         let recording = Recording {
             frames: sequence.frames,
             array_to_marker: calibration.map_or(stated, |calibration| *calibration.transducer_to_probe()),
-            calibration,
+            calibration: calibration.map(|whole| crop.map_or(whole, |crop| whole.cropped(&crop))),
             image_size,
         };
         Ok((frames, recording))
@@ -248,6 +272,31 @@ impl SceneFile {
             ..image
         })
     }
+}
+
+/// The crop of the images of a recording, if the frames that have a pose hold one; or else what is wrong with it.
+fn cropping(frames: &[TrackedFrame], recorded: &[SequenceFrame]) -> Result<Option<Matrix4<f64>>, String> {
+    let used = recorded.iter().zip(frames);
+    let used: Vec<_> = used.filter(|(_, pose)| pose.tool_to_tracker.is_some()).collect();
+    let crops = used.iter().map(|(frame, _)| (frame.index, frame.transforms.get(CROP)));
+    let Some((first, Some(crop))) = crops.clone().find(|(_, crop)| crop.is_some()) else {
+        return Ok(None);
+    };
+    for (frame, other) in crops {
+        match other {
+            Some(other) if !other.valid => return Err(format!("is invalid in frame {frame}")),
+            Some(other) if (other.matrix - crop.matrix).amax() <= SAME_CROP => {}
+            _ => return Err(format!("is not in frame {frame} what it is in frame {first}")),
+        }
+    }
+    let matrix = crop.matrix;
+    let flat = [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 3)];
+    let flat = flat.iter().all(|entry| matrix[*entry].abs() <= SAME_CROP);
+    if flat && matrix[(0, 0)] > 0.0 && matrix[(1, 1)] > 0.0 {
+        return Ok(Some(matrix));
+    }
+    let rows = Rows(matrix).rows();
+    Err(format!("is {rows:?}"))
 }
 
 /// The transforms that a sequence has, invalid ones marked, and what a misspelt one may mean.

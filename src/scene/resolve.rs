@@ -10,6 +10,7 @@ use super::error::{At, Problem, SceneError};
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
 use super::paths::MotionSpec;
+use super::recording::CROP;
 use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
@@ -37,7 +38,7 @@ impl SceneFile {
         let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
         let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
-        let path = self.probe_path(base_dir, plus.as_ref(), &mut warnings)?;
+        let path = self.probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         if path.is_some() && self.pose.is_some() {
             let found = "both `[pose]` and a path in `[motion]`";
             return Err(self.wrong_keys("pose", found, "one of them"));
@@ -55,7 +56,7 @@ impl SceneFile {
         let deformation = self.deformation(&volume, base_dir)?;
 
         let mut file = self.filled(&framing);
-        let (probe, recorded, tracked) = match path {
+        let (probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
                 let body = Body {
@@ -71,6 +72,12 @@ impl SceneFile {
             }
         };
         let image = self.on_grid(framing.image, tracked.as_ref())?;
+        if image.placed.is_none() {
+            // Of pixels that frames do not have.
+            for frame in tracked.iter_mut().flat_map(|tracked| &mut tracked.frames) {
+                frame.transforms.remove(CROP);
+            }
+        }
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());

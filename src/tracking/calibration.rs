@@ -141,6 +141,18 @@ impl Calibration {
         })
     }
 
+    /// The calibration of images that `crop` makes of these by a shift and a positive scale along columns and rows.
+    pub fn cropped(&self, crop: &Matrix4<f64>) -> Self {
+        let scale = [crop[(0, 0)], crop[(1, 1)]];
+        let [columns, rows, planes] = self.lengths_mm;
+        Self {
+            steps_mm: [0, 1].map(|axis| self.steps_mm[axis].map(|step| step / scale[axis])),
+            lengths_mm: [columns / scale[0], rows / scale[1], planes],
+            array_centre_px: [0, 1].map(|axis| scale[axis] * self.array_centre_px[axis] + crop[(axis, 3)]),
+            ..*self
+        }
+    }
+
     /// The transducer in the frame of the marker on the probe, mm; rigid.
     pub fn transducer_to_probe(&self) -> &Matrix4<f64> {
         &self.transducer_to_probe
@@ -250,6 +262,17 @@ mod tests {
             let pixel = Vector4::new(pixel[0], pixel[1], 0.0, 1.0);
             assert!((through * pixel - image * pixel).amax() < 1e-9, "{pixel}");
         }
+        let crop = Matrix4::from_row_slice(&[
+            2.0, 0.0, 0.0, -670.0, 0.0, 0.5, 0.0, -90.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]);
+        let cropped = calibration.cropped(&crop);
+        assert_eq!(cropped.transducer_to_probe(), calibration.transducer_to_probe());
+        let grid = cropped.grid([100, 80]).expect("grid");
+        let place = cropped.transducer_to_probe() * grid.image_to_probe() * Vector4::new(10.0, 6.0, 0.0, 1.0);
+        assert!(
+            (place - image * Vector4::new(340.0, 192.0, 0.0, 1.0)).amax() < 1e-9,
+            "{place}"
+        );
         let warning = calibration.skew_warning([820, 616]).expect("a warning");
         assert!(warning.contains("86.82 degrees apart"), "{warning}");
     }

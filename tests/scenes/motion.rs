@@ -194,9 +194,19 @@ const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' Tr
 
 /// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
 fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify::scene::Scene, insonify::scene::SceneError> {
+    recorded_as([TRACKED, CONFIG], motion, sequence, more)
+}
+
+/// As [`recorded`], of another recording and configuration.
+fn recorded_as(
+    [tracked, config]: [&str; 2],
+    motion: &str,
+    sequence: &str,
+    more: &str,
+) -> Result<insonify::scene::Scene, insonify::scene::SceneError> {
     let folder = tempfile::tempdir().expect("folder");
-    std::fs::write(folder.path().join("a.mha"), [TRACKED.as_bytes(), &[0; 2400]].concat()).expect("file");
-    std::fs::write(folder.path().join("plus.xml"), CONFIG).expect("file");
+    std::fs::write(folder.path().join("a.mha"), [tracked.as_bytes(), &[0; 2400]].concat()).expect("file");
+    std::fs::write(folder.path().join("plus.xml"), config).expect("file");
     let header = "ObjectType = Image\nNDims = 3\nDimSize = 20 20 20\nElementSpacing = 5 5 5\nOffset = 0 0 -50\nElementType = \
                   MET_UCHAR\nElementDataFile = LOCAL\n";
     std::fs::write(folder.path().join("cube.mha"), [header.as_bytes(), &[1; 8000]].concat()).expect("file");
@@ -351,6 +361,89 @@ fn frames_lie_on_the_recorded_grid() {
     assert!(bare.contains("no calibrated images"), "{bare}");
     let sized = error("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"\nwidth = 30");
     assert!(sized.contains("has its own size"), "{sized}");
+}
+
+/// The place of a pixel of the first frame in the world.
+fn pixel_mm(scene: &insonify::scene::Scene, column: f64, row: f64) -> Point3<f64> {
+    let grid = scene.settings.image.placed.as_ref().expect("the recorded grid");
+    let place = scene.probe_pose(0, scene.frames()).probe_to_world() * grid.image_to_probe();
+    place.transform_point(&Point3::new(column, row, 0.0))
+}
+
+#[test]
+fn cropped_recordings_lie_where_their_pixels_were() {
+    let timestamp = "Seq_Frame0001_Timestamp";
+    let crops = |first: &str, second: &str| {
+        let keys = [(0, first), (1, second)].map(|(frame, crop)| {
+            format!("Seq_Frame000{frame}_ImageToCroppedImageTransform = {crop}\nSeq_Frame000{frame}_ImageToCroppedImageTransformStatus = OK\n")
+        });
+        TRACKED.replace(timestamp, &format!("{}{timestamp}", keys.concat()))
+    };
+    let shift = "1 0 0 -5 0 1 0 -3 0 0 1 0 0 0 0 1";
+    let config = CONFIG.replace("<ScanConversion", "<ScanConversion OutputImageSizePixel='80 60'");
+    let (plus, grid) = ("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"");
+    let tracked = crops(shift, shift);
+    let scene = recorded_as([&tracked, &config], "", plus, grid).expect("scene");
+    let whole = recorded("", plus, grid).expect("scene");
+    assert!((pixel_mm(&scene, 2.0, 4.0) - pixel_mm(&whole, 7.0, 7.0)).norm() < 1e-9);
+    assert_eq!(scene.probe_pose(0, 2), whole.probe_pose(0, 2));
+    assert!(
+        says(&scene.notes, &["cropped", "pixel (0, 0) is pixel (5, 3)"]),
+        "{:?}",
+        scene.notes
+    );
+    assert!(!says(&scene.warnings, &["other images"]), "{:?}", scene.warnings);
+    assert!(
+        scene
+            .recorded(0, 2)
+            .expect("recorded")
+            .transforms
+            .contains_key("ImageToCroppedImage")
+    );
+    let fitted = recorded_as([&tracked, &config], "", plus, "").expect("scene");
+    assert!(
+        !fitted
+            .recorded(0, 2)
+            .expect("recorded")
+            .transforms
+            .contains_key("ImageToCroppedImage")
+    );
+    let turned = "0 1 0 -5 -1 0 0 -3 0 0 1 0 0 0 0 1";
+    for (first, second, found) in [
+        (
+            shift,
+            "1 0 0 -6 0 1 0 -3 0 0 1 0 0 0 0 1",
+            "is not in frame 1 what it is in frame 0",
+        ),
+        (turned, turned, "`ImageToCroppedImage` that is [["),
+        (shift, "what", "is invalid in frame 1"),
+    ] {
+        let error = recorded_as([&crops(first, second), &config], "", plus, grid).expect_err(found);
+        assert_eq!(error.key(), Some("motion.sequence.file"));
+        assert!(error.to_string().contains(found), "{error}");
+    }
+}
+
+#[test]
+fn a_real_cropped_recording_lies_where_its_pixels_were() {
+    let (Some(file), Some(config)) = (
+        data("tracked/NwirePhantomFreehandCropped.igs.mha"),
+        data("config/PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml"),
+    ) else {
+        return;
+    };
+    let scene = resolve(&small(&format!(
+        "[motion.sequence]\nfile = {file:?}\nplus_config = {config:?}\narray_centre_px = [414.5, 62]\n[image]\ngrid = \"recorded\""
+    )))
+    .unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((scene.settings.image.width, scene.settings.image.height), (200, 150));
+    let image = insonify::tracking::plus::PlusConfig::read(&config)
+        .and_then(|config| config.transform("Image", "Probe"))
+        .expect("calibration");
+    let probe = scene.recorded(0, scene.frames()).expect("recorded").transforms["ProbeToTracker"].matrix;
+    let expected = (probe * image).transform_point(&Point3::new(335.0, 285.0, 0.0));
+    let found = pixel_mm(&scene, 0.0, 0.0);
+    assert!((found - expected).norm() < 0.05, "{found} {expected}");
 }
 
 #[test]
