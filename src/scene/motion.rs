@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
-use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable};
+use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
@@ -88,7 +88,13 @@ impl SceneFile {
     }
 
     /// The needle, if the scene names one.
-    pub(super) fn needle(&self, base: &Path, warnings: &mut Vec<String>) -> Result<Option<Needle>, SceneError> {
+    pub(super) fn needle(
+        &self,
+        base: &Path,
+        plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Needle>, SceneError> {
         let Some(table) = &self.needle else { return Ok(None) };
         let Some(motion) = &table.motion else {
             if table.bending.is_some() {
@@ -105,7 +111,7 @@ impl SceneFile {
             return Err(self.wrong_keys("needle", found, "one of them (`length_mm` and `diameter_mm` suit both)"));
         }
         let world = table.world.unwrap_or_default();
-        let (tip, recorded) = self.needle_tip(motion, world, base, warnings)?;
+        let (tip, recorded) = self.needle_tip(motion, world, (base, plus), notes, warnings)?;
         let path = self.needle_path(table, tip)?;
         Ok(Some(Needle::Moving { path, recorded }))
     }
@@ -128,7 +134,8 @@ impl SceneFile {
         &self,
         motion: &NeedleMotionSpec,
         world: World,
-        base: &Path,
+        (base, plus): (&Path, Option<&PlusConfig>),
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<(Trajectory, bool), SceneError> {
         let interpolation = motion.interpolation.unwrap_or_default();
@@ -149,7 +156,14 @@ impl SceneFile {
             }
             (None, None, Some(spec)) => {
                 let key = "needle.motion.sequence";
-                let (frames, path) = self.frames(key, spec.file.as_deref(), needle_transform(spec), base)?;
+                let own = spec
+                    .plus_config
+                    .as_ref()
+                    .map(|config| PlusConfig::read(&base.join(config)));
+                let own = own.transpose().at(self, "needle.motion.sequence.plus_config")?;
+                let transform = spec.transform.as_deref().unwrap_or("NeedleToTracker");
+                let from = (spec.file.as_deref(), transform, own.as_ref().or(plus));
+                let (frames, path) = self.frames(key, from, base, notes)?;
                 warnings.extend(path.warnings);
                 let matrix =
                     |rows: Option<crate::tracking::matrix::Rows>| rows.map_or_else(Matrix4::identity, |rows| rows.0);
@@ -192,10 +206,6 @@ impl SceneFile {
         Trajectory::from_keys(keys, interpolation)
             .map_err(|error| self.fault(keyframe_key("needle.motion", &error), error))
     }
-}
-
-fn needle_transform(spec: &NeedleSequenceSpec) -> &str {
-    spec.transform.as_deref().unwrap_or("NeedleToTracker")
 }
 
 /// The key that an error about keyframes is about.

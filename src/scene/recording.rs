@@ -14,7 +14,7 @@ use crate::tracking::calibration::Calibration;
 use crate::tracking::matrix::Rows;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::ProbeSpec;
-use crate::tracking::sequence::{Sequence, SequenceFrame, ends};
+use crate::tracking::sequence::{Sequence, SequenceFrame, TrackedTransform, chain, ends, merged};
 use crate::tracking::trajectory::{TrackedFrame, Trajectory};
 
 const KEY: &str = "motion.sequence";
@@ -101,7 +101,7 @@ impl SceneFile {
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<TrackedFrame>, Recording), SceneError> {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
-        let (frames, sequence) = self.frames(KEY, spec.file.as_deref(), transform, base)?;
+        let (frames, sequence) = self.frames(KEY, (spec.file.as_deref(), transform, plus), base, notes)?;
         warnings.extend(sequence.warnings);
         // A single pixel stands for no image.
         let stored = sequence.image_size.filter(|size| *size != [1, 1]);
@@ -154,22 +154,23 @@ impl SceneFile {
         Ok((frames, recording))
     }
 
-    /// The poses that a sequence recorded of one transform.
+    /// The poses of one transform that a sequence (of a path) recorded, if need be with what a configuration defines.
     pub(super) fn frames(
         &self,
         key: &str,
-        file: Option<&Path>,
-        transform: &str,
+        (file, transform, plus): (Option<&Path>, &str, Option<&PlusConfig>),
         base: &Path,
+        notes: &mut Vec<String>,
     ) -> Result<(Vec<TrackedFrame>, Sequence), SceneError> {
         let Some(file) = file else {
             return Err(self.wrong_keys(key, "no `file`", "the path of a tracked sequence"));
         };
         let path = base.join(file);
         let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
+        let defined = plus.map_or_else(BTreeMap::new, PlusConfig::definitions);
         let Some((from, to)) = ends(transform) else {
             let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
-            let (_, help) = recorded_transforms(&sequence, transform, ["", ""]);
+            let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
             let error = self.fault(format!("{key}.transform"), Problem::Name { found, expected });
             return Err(error.with_help(help));
         };
@@ -177,19 +178,29 @@ impl SceneFile {
             .frames
             .iter()
             .any(|frame| frame.transforms.contains_key(transform));
-        let frames: Vec<TrackedFrame> = (0..sequence.frames.len())
-            .map(|at| TrackedFrame {
-                time_s: sequence.frames[at].timestamp,
-                tool_to_tracker: match sequence.frames[at].transforms.get(transform) {
-                    Some(recorded) => recorded.valid.then_some(recorded.matrix),
-                    None => sequence.transform(at, from, to),
-                },
-            })
-            .collect();
-        if named || frames.iter().any(|frame| frame.tool_to_tracker.is_some()) {
+        let recorded = |frame: &SequenceFrame| match frame.transforms.get(transform) {
+            Some(recorded) => recorded.valid.then_some(recorded.matrix),
+            None => chain(&frame.transforms, from, to),
+        };
+        let timed = |frame: &SequenceFrame, tool_to_tracker| TrackedFrame {
+            time_s: frame.timestamp,
+            tool_to_tracker,
+        };
+        let has_pose = |frames: &[TrackedFrame]| frames.iter().any(|frame| frame.tool_to_tracker.is_some());
+        let all = sequence.frames.iter();
+        let frames: Vec<TrackedFrame> = all.clone().map(|frame| timed(frame, recorded(frame))).collect();
+        if named || has_pose(&frames) {
             return Ok((frames, sequence));
         }
-        let (has, help) = recorded_transforms(&sequence, transform, [from, to]);
+        let composed = |frame: &SequenceFrame| chain(&merged(&frame.transforms, &defined), from, to);
+        let frames: Vec<TrackedFrame> = all.map(|frame| timed(frame, composed(frame))).collect();
+        if has_pose(&frames) {
+            notes.push(format!(
+                "{key}: `{transform}` does not follow from the recording alone: transforms that `plus_config` defines are part of it"
+            ));
+            return Ok((frames, sequence));
+        }
+        let (has, help) = known_transforms(&sequence, &defined, transform, [from, to]);
         let transform = transform.to_owned();
         let problem = Problem::NoTransform { path, transform, has };
         Err(self.fault(format!("{key}.transform"), problem).with_help(help))
@@ -299,33 +310,39 @@ fn cropping(frames: &[TrackedFrame], recorded: &[SequenceFrame]) -> Result<Optio
     Err(format!("is {rows:?}"))
 }
 
-/// The transforms that a sequence has, invalid ones marked, and what a misspelt one may mean.
-fn recorded_transforms(sequence: &Sequence, wanted: &str, ends_of_it: [&str; 2]) -> (String, Option<String>) {
+/// The transforms that a sequence has, invalid ones marked, and those defined beside it, and what a misspelt one may mean.
+fn known_transforms(
+    sequence: &Sequence,
+    defined: &BTreeMap<String, TrackedTransform>,
+    wanted: &str,
+    ends_of_it: [&str; 2],
+) -> (String, Option<String>) {
     let mut valid: BTreeMap<&str, bool> = BTreeMap::new();
     for (name, transform) in sequence.frames.iter().flat_map(|frame| &frame.transforms) {
         *valid.entry(name).or_default() |= transform.valid;
     }
-    if valid.is_empty() {
-        return ("no transforms".to_owned(), None);
-    }
-    let systems: BTreeSet<&str> = valid
-        .keys()
-        .filter_map(|name| ends(name))
-        .flat_map(<[&str; 2]>::from)
-        .collect();
-    let pairs = systems
-        .iter()
-        .flat_map(|from| systems.iter().map(move |to| format!("{from}To{to}")));
-    let candidates: Vec<String> = pairs.filter(|name| name != wanted).collect();
+    let names = valid.keys().copied().chain(defined.keys().map(String::as_str));
+    let systems: BTreeSet<&str> = names.clone().filter_map(ends).flat_map(<[&str; 2]>::from).collect();
+    let pairs = systems.iter().flat_map(|from| systems.iter().map(move |to| (from, to)));
+    let pairs = pairs.filter(|(from, to)| from != to);
+    let candidates: Vec<String> = pairs.map(|(from, to)| format!("{from}To{to}")).collect();
     let misspelt = !ends_of_it.iter().all(|end| systems.contains(end));
     let meant = nearest(wanted, candidates.iter().map(String::as_str)).filter(|_| misspelt);
+    let help = meant.map(|meant| format!("did you mean \"{meant}\"?"));
     let frames = sequence.frames.len();
     let has = valid.into_iter().map(|(name, valid)| match valid {
         true => name.to_owned(),
         false => format!("{name} (invalid in all {frames} frames)"),
     });
-    let has = has.collect::<Vec<_>>().join(", ");
-    (has, meant.map(|meant| format!("did you mean \"{meant}\"?")))
+    let mut has = has.collect::<Vec<_>>().join(", ");
+    if has.is_empty() {
+        has.push_str("no transforms");
+    }
+    if !defined.is_empty() {
+        let defined: Vec<&str> = defined.keys().map(String::as_str).collect();
+        has.push_str(&format!(", and `plus_config` defines {}", defined.join(", ")));
+    }
+    (has, help)
 }
 
 /// What is said of frames of a recording that make no pose, or the same pose again.

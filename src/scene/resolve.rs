@@ -43,7 +43,7 @@ impl SceneFile {
             let found = "both `[pose]` and a path in `[motion]`";
             return Err(self.wrong_keys("pose", found, "one of them"));
         }
-        let needle = self.needle(base_dir, &mut warnings)?;
+        let needle = self.needle(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         let textures = self.textures(base_dir)?;
         self.check_texture_names(&textures)?;
 

@@ -1,5 +1,6 @@
 //! Device-set configurations of PLUS (XML): calibrations, and what images were made with.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
@@ -8,6 +9,7 @@ use roxmltree::{Document, Node};
 use super::calibration::CalibrationError;
 use super::matrix::Rows;
 use super::probe::{ProbeKind, ProbeSpec};
+use super::sequence::{TrackedTransform, ends};
 use crate::read;
 
 /// Largest departure of a curved array's sector from symmetry, degrees; beyond it the field of view is not taken over.
@@ -117,6 +119,19 @@ impl PlusConfig {
                     names.join(", ")
                 },
             })
+    }
+
+    /// The transforms that the file defines, by names such as `PhantomToReference`; those whose names would be read otherwise are
+    /// left out.
+    pub fn definitions(&self) -> BTreeMap<String, TrackedTransform> {
+        let named = self.transforms.iter().filter_map(|defined| {
+            let name = format!("{}To{}", defined.from, defined.to);
+            let readable = ends(&name) == Some((&defined.from, &defined.to));
+            let valid = defined.matrix.iter().all(|number| number.is_finite());
+            let matrix = defined.matrix;
+            (readable && valid).then_some((name, TrackedTransform { matrix, valid }))
+        });
+        named.collect()
     }
 
     /// The pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from

@@ -363,6 +363,46 @@ fn frames_lie_on_the_recorded_grid() {
     assert!(sized.contains("has its own size"), "{sized}");
 }
 
+#[test]
+fn transforms_of_the_configuration_are_part_of_the_chain() {
+    let more = "<Transform From='Phantom' To='Tracker' Matrix='1 0 0 100 0 1 0 0 0 0 1 0 0 0 0 1'/>\
+        <Transform From='Probe' To='Tracker' Matrix='1 0 0 999 0 1 0 0 0 0 1 0 0 0 0 1'/>\
+        <Transform From='NeedleTip' To='Probe' Matrix='1 0 0 0 0 1 0 3 0 0 1 0 0 0 0 1'/></CoordinateDefinitions>";
+    let config = CONFIG.replace("</CoordinateDefinitions>", more);
+    let plus = "plus_config = \"plus.xml\"\ntransform = \"ProbeToPhantom\"";
+    let of = |sequence: &str, more: &str| recorded_as([TRACKED, &config], "", sequence, more);
+    let scene = of(plus, "").expect("scene");
+    let plain = of("plus_config = \"plus.xml\"", "").expect("scene");
+    let moved = scene.probe_pose(0, 2).position_mm() - plain.probe_pose(0, 2).position_mm();
+    assert!((moved - Vector3::new(-100.0, 0.0, 0.0)).norm() < 1e-9, "{moved}");
+    let told = ["`ProbeToPhantom` does not follow from the recording alone"];
+    assert!(
+        says(&scene.notes, &told) && !says(&plain.notes, &["alone"]),
+        "{:?}",
+        scene.notes
+    );
+    let tip = |scene: &insonify::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let needle = "[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"NeedleTipToTracker\"";
+    let shared = of("plus_config = \"plus.xml\"", needle).expect("scene");
+    assert!((tip(&shared) - Point3::new(-20.0, -67.0, 0.0)).norm() < 1e-9);
+    let own = of("", &format!("{needle}\nplus_config = \"plus.xml\"")).expect("scene");
+    assert_eq!(tip(&own), tip(&shared));
+    let error = of("", needle).expect_err("no definitions");
+    assert_eq!(error.key(), Some("needle.motion.sequence.transform"));
+    let error = of("transform = \"ProbeToPhantom\"", "").expect_err("no definitions");
+    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
+    assert_ne!(help.as_deref(), Some("did you mean \"ProbeToProbe\"?"));
+    let error = of(&plus.replace("ToPhantom", "ToFantom"), "").expect_err("misspelt");
+    assert!(
+        error
+            .to_string()
+            .contains("`plus_config` defines ImageToProbe, NeedleTipToProbe, PhantomToTracker"),
+        "{error}"
+    );
+    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
+    assert_eq!(help.as_deref(), Some("did you mean \"ProbeToPhantom\"?"));
+}
+
 /// The place of a pixel of the first frame in the world.
 fn pixel_mm(scene: &insonify::scene::Scene, column: f64, row: f64) -> Point3<f64> {
     let grid = scene.settings.image.placed.as_ref().expect("the recorded grid");
