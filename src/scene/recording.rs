@@ -126,7 +126,13 @@ impl SceneFile {
         let calibrated_size = if crop.is_some() { configured } else { image_size };
         let calibration = self.calibration(spec, plus, marker, calibrated_size)?;
         if let Some(calibration) = &calibration {
-            let skewed = calibration.skew_warning(calibrated_size.unwrap_or([640, 480]));
+            let size = calibrated_size.unwrap_or([640, 480]);
+            let on_grid = self.image.is_some_and(|image| image.grid == GridSpec::Recorded);
+            let (skewed, still) = match on_grid {
+                true => (None, calibration.skew_note(size)),
+                false => (calibration.skew_warning(size), None),
+            };
+            notes.extend(still.map(|text| format!("{KEY}: {text}")));
             let other = plus
                 .and_then(PlusConfig::pixel_mm)
                 .and_then(|stated| calibration.other_pixels(stated, PIXEL_SHARE));

@@ -66,7 +66,7 @@ pub enum CalibrationError {
         found: f64,
     },
     /// Image axes that are not square to each other.
-    #[error("image-to-probe calibration: the image axes are {found:.3} rad off square; expected at most {SKEW}")]
+    #[error("image-to-probe calibration: the image axes are {:.2} degrees off square; expected at most {:.2}", found.to_degrees(), SKEW.to_degrees())]
     Skewed {
         /// How far, rad.
         found: f64,
@@ -181,7 +181,37 @@ impl Calibration {
 
     /// A warning where the image axes are so far off a right angle that squaring them up moves a pixel of an image of this
     /// size by half a pixel or more.
-    pub fn skew_warning(&self, [width, height]: [usize; 2]) -> Option<String> {
+    pub fn skew_warning(&self, size: [usize; 2]) -> Option<String> {
+        let (farthest, pixels) = self.moved(size)?;
+        let [columns, rows, planes] = self.lengths_mm;
+        let ([width, height], [apart, tilt]) = (size, self.apart_deg());
+        Some(format!(
+            "the image axes of the calibration are {apart:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
+             {planes:.4} mm long). The transducer's axes are squared up, {tilt:.2} degrees off each of them: that moves pixels \
+             of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
+             the recorded grid (`image.grid = \"recorded\"`)"
+        ))
+    }
+
+    /// As [`Calibration::skew_warning`], of frames on the recorded grid, in which nothing moves.
+    pub fn skew_note(&self, size: [usize; 2]) -> Option<String> {
+        let [apart, tilt] = self.apart_deg();
+        self.moved(size).map(|_| {
+            format!(
+                "the image axes of the calibration are {apart:.2} degrees apart, not 90: pixels stay where it puts them, and the \
+                 outline of the sector is tilted by {tilt:.2} degrees in the image"
+            )
+        })
+    }
+
+    /// Degrees between the image axes, and between each of them and the transducer's.
+    fn apart_deg(&self) -> [f64; 2] {
+        let skew = self.skew.to_degrees();
+        [90.0 + skew, skew.abs() / 2.0]
+    }
+
+    /// Farthest that squaring up the axes moves a pixel of an image of this size, mm and pixels, from half a pixel on.
+    fn moved(&self, [width, height]: [usize; 2]) -> Option<(f64, f64)> {
         let corners = [[0, 0], [width, 0], [0, height], [width, height]];
         let moved_mm = corners.map(|corner| {
             let pixel = corner.map(|at| at as f64);
@@ -190,18 +220,8 @@ impl Calibration {
             (x - squared[0]).hypot(y - squared[1])
         });
         let farthest = moved_mm.into_iter().fold(0.0, f64::max);
-        let [columns, rows, planes] = self.lengths_mm;
-        let pixels = farthest / (columns * rows).sqrt();
-        (pixels >= 0.5).then(|| {
-            format!(
-                "the image axes of the calibration are {:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
-                 {planes:.4} mm long). The transducer's axes are squared up, {:.2} degrees off each of them: that moves pixels \
-                 of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
-                 the recorded grid (`image.grid = \"recorded\"`)",
-                90.0 + self.skew.to_degrees(),
-                self.skew.abs().to_degrees() / 2.0
-            )
-        })
+        let pixels = farthest / (self.lengths_mm[0] * self.lengths_mm[1]).sqrt();
+        (pixels >= 0.5).then_some((farthest, pixels))
     }
 }
 
@@ -292,10 +312,11 @@ mod tests {
         ));
         let mut skewed = Matrix4::new_scaling(0.1);
         skewed[(0, 1)] = 0.05;
-        assert!(matches!(
-            Calibration::new(&skewed, centre),
-            Err(CalibrationError::Skewed { .. })
-        ));
+        let error = Calibration::new(&skewed, centre).expect_err("skewed").to_string();
+        assert!(
+            error.contains("26.57 degrees off square; expected at most 5.73"),
+            "{error}"
+        );
         let fine = Matrix4::new_scaling(0.1);
         assert!(matches!(
             Calibration::new(&fine, [f64::NAN, 0.0]),

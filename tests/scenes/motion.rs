@@ -346,6 +346,9 @@ fn a_configuration_fills_in_the_probe() {
 fn frames_lie_on_the_recorded_grid() {
     let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
+    assert!(!says(&scene.warnings, &["apart"]), "{:?}", scene.warnings);
+    let tilted = ["87.14 degrees apart", "pixels stay", "tilted by 1.43 degrees"];
+    assert!(says(&scene.notes, &tilted), "{:?}", scene.notes);
     let frame = crate::support::render(&scene, &mut crate::support::synthesizer(&scene), 1, 2);
     assert_eq!((frame.width, frame.height), (40, 30));
     for [column, row] in [[0.0, 0.0], [39.0, 0.0], [20.0, 2.0], [7.0, 29.0]] {
