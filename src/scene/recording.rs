@@ -136,8 +136,13 @@ impl SceneFile {
             let other = plus
                 .and_then(PlusConfig::pixel_mm)
                 .and_then(|stated| calibration.other_pixels(stated, PIXEL_SHARE));
+            let far = calibrated_size.and_then(|size| calibration.far_centre(size));
+            let twice = match spec.array_centre_px {
+                Some(_) => None,
+                None => plus.and_then(PlusConfig::two_centres),
+            };
             warnings.extend(
-                [skewed, other]
+                [skewed, other, far, twice]
                     .into_iter()
                     .flatten()
                     .map(|text| format!("{KEY}: {text}")),

@@ -169,6 +169,16 @@ impl Calibration {
         [0, 1].map(|axis| column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
 
+    /// A warning where the centre of the array lies farther outside images of this size than half of it.
+    pub fn far_centre(&self, size: [usize; 2]) -> Option<String> {
+        let [column, row] = self.array_centre_px;
+        let is_far = |(at, side): (f64, usize)| !(-0.5..=1.5).contains(&(at / side as f64));
+        let [width, height] = size;
+        [(column, width), (row, height)].into_iter().any(is_far).then(|| {
+            format!("the centre of the array is at pixel ({column}, {row}), far outside the images of {width} x {height}: is it meant?")
+        })
+    }
+
     /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a share.
     pub fn other_pixels(&self, stated_mm: [f64; 2], share: f64) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
@@ -266,6 +276,13 @@ mod tests {
             "{y}"
         );
         assert_eq!(calibration.skew_warning([820, 616]), None);
+        assert_eq!(calibration.far_centre([820, 616]), None);
+        let far = Calibration::new(&image, [4100.0, 0.0]).expect("calibration");
+        let warning = far.far_centre([820, 616]).expect("a warning");
+        assert!(
+            warning.contains("(4100, 0), far outside the images of 820 x 616"),
+            "{warning}"
+        );
     }
 
     #[test]

@@ -143,6 +143,18 @@ impl PlusConfig {
         }
     }
 
+    /// A warning where the file has two centres of the array more than a pixel apart.
+    pub fn two_centres(&self) -> Option<String> {
+        let ([a, b], [c, d]) = (self.array_centre_px()?, self.centre_px?);
+        let apart = (a - c).hypot(b - d) > 1.0;
+        apart.then(|| {
+            format!(
+                "`plus_config` has the centre of the array at pixel ({a}, {b}) by the transform between `Image` and \
+                 `TransducerOriginPixel`, which is taken, and at ({c}, {d}) by `TransducerCenterPixel`"
+            )
+        })
+    }
+
     /// A guess at the pixel at the centre of a straight array, and its grounds: the middle of the upper edge of the clip
     /// rectangle, or else of the images, whose size may be known from elsewhere.
     pub fn guessed_centre_px(&self, images: Option<[usize; 2]>) -> Option<([f64; 2], &'static str)> {
@@ -317,6 +329,11 @@ mod tests {
                 (count, centre),
                 "{name}"
             );
+            let told = plus.two_centres();
+            assert_eq!(told.is_some(), name.contains("3DSlicer"), "{told:?}");
+            if let Some(told) = told {
+                assert!(told.contains("(410, -5) by") && told.contains("(410, 0) by"), "{told}");
+            }
             let image = plus.transform("Image", "Probe").expect(name);
             let calibration = Calibration::new(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
             let skewed = calibration.skew_warning([820, 616]);
