@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use nalgebra::{Point3, Vector3};
+
 use super::Scene;
 use super::check::Framing;
 use super::error::{At, Problem, SceneError};
@@ -317,6 +319,14 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
         (1, 1) => "the probe sees nothing of the volume: the frame will be black".to_owned(),
         _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
     };
+    let first = path.keys().iter().find(|key| !sees(volume, grid, &key.pose))?;
+    let axes = stated.map_or(World::Lps, |(_, world)| world);
+    warning.push_str(if poses == 1 {
+        ". The"
+    } else {
+        ". In the first of them the"
+    });
+    warning.push_str(&apart(volume, &first.pose, axes));
     if let Some((table, world)) = stated {
         let (other, seen) = (world.other(), poses - blind(World::Ras));
         if seen > poses - black {
@@ -330,6 +340,29 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     Some(warning)
 }
 
+/// The places of an array and of the volume in the axes of `world`, and the distance between them.
+fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
+    let ends = volume.size().map(|count| [-0.5, count as f64 - 0.5]);
+    let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for corner in 0..8 {
+        let index = [0, 1, 2].map(|axis| ends[axis][corner >> axis & 1]);
+        let corner = volume.index_to_world().transform_point(&Point3::from(index));
+        let corner = world.vector(corner.into());
+        low = [0, 1, 2].map(|axis| low[axis].min(corner[axis]));
+        high = [0, 1, 2].map(|axis| high[axis].max(corner[axis]));
+    }
+    let at = world.vector(pose.position_mm().into());
+    let gaps = [0, 1, 2].map(|axis| (low[axis] - at[axis]).max(at[axis] - high[axis]).max(0.0));
+    let distance = Vector3::from(gaps).norm();
+    let [at, low, high] = [at, low, high].map(|point| {
+        let [x, y, z] = point.map(|along| along.round() as i64);
+        format!("({x}, {y}, {z})")
+    });
+    format!(
+        " centre of the array is at {at} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
+    )
+}
+
 /// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.
 const LOOKS: usize = 24;
 
@@ -340,7 +373,7 @@ fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
         (0..LOOKS).any(|at| {
             let depth = (at as f64 + 0.5) / LOOKS as f64 * depth_mm;
             let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
-            let point = pose.probe_to_world().transform_point(&nalgebra::Point3::new(x, y, 0.0));
+            let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
             volume.label_index_at(&point).is_some()
         })
     })

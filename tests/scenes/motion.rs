@@ -245,7 +245,8 @@ fn poses_in_ras_are_turned_and_offered() {
     let black = recorded("", "", linear).expect("scene");
     let hint = [
         "in 2 of 2 poses",
-        "Read as RAS it sees the volume in 2",
+        "In the first of them the centre of the array is at (-20, -70, 0) mm and the volume spans (-3, -3, -53) to (98, 98, 48)",
+        "mm (LPS): 70 mm apart. Read as RAS it sees the volume in 2",
         "add `world = \"ras\"` under [motion]",
     ];
     assert!(says(&black.warnings, &hint), "{:?}", black.warnings);
