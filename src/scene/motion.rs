@@ -96,6 +96,15 @@ impl SceneFile {
         warnings: &mut Vec<String>,
     ) -> Result<Option<Needle>, SceneError> {
         let Some(table) = &self.needle else { return Ok(None) };
+        let of_probe = self.motion.as_ref().and_then(|motion| motion.world);
+        if table.world.is_none() && of_probe == Some(World::Ras) {
+            let note = "the needle is read as RAS, as [motion] states; `world` under [needle] states its own axes";
+            notes.push(note.to_owned());
+        }
+        let table = &NeedleTable {
+            world: table.world.or(of_probe),
+            ..table.clone()
+        };
         let Some(motion) = &table.motion else {
             if table.bending.is_some() {
                 let expected = "`needle.motion`: only a needle that moves bends";

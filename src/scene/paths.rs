@@ -69,7 +69,8 @@ pub struct SequenceSpec {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleTable {
-    /// Axes of the world that the needle, and what moves it, are stated in: `lps` (default), or `ras` as in 3D Slicer.
+    /// Axes of the world that the needle, and what moves it, are stated in: `lps`, or `ras` as in 3D Slicer. Default: those of
+    /// `[motion]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world: Option<World>,
     /// The tip in the world, mm.

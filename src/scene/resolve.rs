@@ -8,6 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::Scene;
 use super::check::Framing;
+use super::deform::Deformation;
 use super::error::{At, Problem, SceneError};
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
@@ -86,24 +87,14 @@ impl SceneFile {
         }
         warnings.extend(blind);
 
-        let span = |path: &Trajectory| [path.start_s(), path.end_s()];
-        let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
-        let mut spans = Vec::new();
-        let mut recording: Option<Vec<f64>> = recorded.then(|| times(&probe));
-        if self.motion.is_some() && probe.keys().len() > 1 {
-            spans.push(span(&probe));
-        }
-        if let Some(Needle::Moving { path, recorded }) = &needle {
-            spans.push(span(path.tip()));
-            if *recorded && recording.is_none() && spans.len() == 1 {
-                recording = Some(times(path.tip()));
-            }
-        }
-        if let Some(ramp) = deformation.as_ref().and_then(super::Deformation::span_s) {
-            let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
-            spans.push(ramp.map(|time| start + time.max(0.0)));
-        }
-        let stated = self.motion.as_ref().and_then(|motion| motion.frames);
+        let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
+        let echo = framing.effects.needle.as_ref();
+        warnings.extend(unseen(
+            &probe,
+            needle.as_ref(),
+            &timeline,
+            echo.and_then(|echo| echo.thickness_mm),
+        ));
 
         Ok(Scene {
             anatomy: Anatomy {
@@ -128,8 +119,37 @@ impl SceneFile {
             recording: tracked.map_or_else(Vec::new, |tracked| tracked.frames),
             needle,
             deformation,
-            timeline: Timeline::new(recording, &spans, stated.map(|frames| frames as usize)),
+            timeline,
         })
+    }
+
+    /// When frames are: `recorded` tells whether the poses of the probe's path are frames of their own.
+    fn timeline(
+        &self,
+        probe: &Trajectory,
+        recorded: bool,
+        needle: Option<&Needle>,
+        deformation: Option<&Deformation>,
+    ) -> Timeline {
+        let span = |path: &Trajectory| [path.start_s(), path.end_s()];
+        let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
+        let mut spans = Vec::new();
+        let mut recording: Option<Vec<f64>> = recorded.then(|| times(probe));
+        if self.motion.is_some() && probe.keys().len() > 1 {
+            spans.push(span(probe));
+        }
+        if let Some(Needle::Moving { path, recorded }) = needle {
+            spans.push(span(path.tip()));
+            if *recorded && recording.is_none() && spans.len() == 1 {
+                recording = Some(times(path.tip()));
+            }
+        }
+        if let Some(ramp) = deformation.and_then(Deformation::span_s) {
+            let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
+            spans.push(ramp.map(|time| start + time.max(0.0)));
+        }
+        let stated = self.motion.as_ref().and_then(|motion| motion.frames);
+        Timeline::new(recording, &spans, stated.map(|frames| frames as usize))
     }
 
     fn filled(&self, framing: &Framing) -> Self {
@@ -221,6 +241,8 @@ impl SceneFile {
         let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
         let probe = probe.and_then(|motion| motion.sequence.as_ref());
         let needle = self.needle.as_ref().filter(|needle| needle.world.is_none());
+        let inherits = self.motion.as_ref().is_some_and(|motion| motion.world.is_some());
+        let needle = needle.filter(|_| !inherits);
         let needle = needle.and_then(|needle| needle.motion.as_ref()?.sequence.as_ref());
         let open = [
             (
@@ -361,6 +383,37 @@ fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     format!(
         " centre of the array is at {at} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
     )
+}
+
+/// A warning where a recorded needle is in no frame so near to the scan plane (of a thickness for needles, mm; by default its
+/// diameter) that it is shown.
+fn unseen(
+    probe: &Trajectory,
+    needle: Option<&Needle>,
+    timeline: &Timeline,
+    thickness_mm: Option<f64>,
+) -> Option<String> {
+    let Some(Needle::Moving { path, recorded: true }) = needle else {
+        return None;
+    };
+    let frames = timeline.frames();
+    let (mut nearest, mut reach) = (f64::INFINITY, 0.0);
+    for frame in 0..frames {
+        let time_s = timeline.time_s(frame, frames);
+        let shaft = path.at(time_s).transformed(&probe.at(time_s).world_to_probe());
+        let gaps = shaft.segments_mm().map(|[a, b]| match a.z * b.z <= 0.0 {
+            true => 0.0,
+            false => a.z.abs().min(b.z.abs()),
+        });
+        nearest = gaps.fold(nearest, f64::min);
+        reach = (shaft.diameter_mm() + thickness_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
+    }
+    (nearest > reach).then(|| {
+        format!(
+            "the needle is in none of {frames} frames nearer than {nearest:.1} mm to the imaging plane: it is not seen. Do its path \
+             and that of the probe lead to the same world?"
+        )
+    })
 }
 
 /// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.

@@ -368,6 +368,40 @@ fn frames_lie_on_the_recorded_grid() {
 }
 
 #[test]
+fn a_needle_is_read_in_the_axes_of_the_motion() {
+    let needle = |world: &str| {
+        format!("[needle]\n{world}[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"ProbeToTracker\"")
+    };
+    let tip = |scene: &insonify::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let inherited = recorded("world = \"ras\"", "", &needle("")).expect("scene");
+    assert_eq!(tip(&inherited), Point3::new(20.0, 70.0, 0.0));
+    assert!(
+        says(&inherited.notes, &["needle is read as RAS, as [motion] states"]),
+        "{:?}",
+        inherited.notes
+    );
+    assert!(!says(&inherited.notes, &["taken as LPS"]), "{:?}", inherited.notes);
+    assert!(
+        !says(&inherited.warnings, &["it is not seen"]),
+        "{:?}",
+        inherited.warnings
+    );
+    let stated = recorded("world = \"ras\"", "", &needle("world = \"lps\"\n")).expect("scene");
+    assert_eq!(tip(&stated), Point3::new(-20.0, -70.0, 0.0));
+    assert!(!says(&stated.notes, &["needle is read"]), "{:?}", stated.notes);
+    let away = "tip_to_marker = \"1 0 0 0  0 1 0 0  0 0 1 -20  0 0 0 1\"";
+    let aloof = recorded("", "", &format!("{}\n{away}", needle(""))).expect("scene");
+    assert!(
+        says(
+            &aloof.warnings,
+            &["in none of 2 frames nearer than 20.0 mm to the imaging plane"]
+        ),
+        "{:?}",
+        aloof.warnings
+    );
+}
+
+#[test]
 fn transforms_of_the_configuration_are_part_of_the_chain() {
     let more = "<Transform From='Phantom' To='Tracker' Matrix='1 0 0 100 0 1 0 0 0 0 1 0 0 0 0 1'/>\
         <Transform From='Probe' To='Tracker' Matrix='1 0 0 999 0 1 0 0 0 0 1 0 0 0 0 1'/>\
