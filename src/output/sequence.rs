@@ -175,6 +175,15 @@ impl SequenceWriter {
         Ok(Self { depth: 2, ..images })
     }
 
+    /// States a field of the whole sequence, such as `WorldAxes`; before the first frame. Names are of letters alone, and values of
+    /// one line.
+    pub fn field(&mut self, name: &str, value: &str) {
+        debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
+        let is = self.assignment();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.keys, "{name}{is}{value}");
+    }
+
     /// Adds a frame: pixels row by row from the near unmarked corner.
     ///
     /// # Errors
@@ -321,6 +330,7 @@ mod tests {
                 }
             });
             let broken = Matrix4::repeat(f64::NAN);
+            writer.field("WorldAxes", "RAS");
             for frame in 0..4u8 {
                 let transforms = [("ProbeToTracker", pose, frame != 2), ("NeedleToTracker", broken, true)];
                 let info = FrameInfo {
@@ -333,6 +343,12 @@ mod tests {
             writer.finish().unwrap();
             let read = Sequence::read(&path).unwrap();
             assert_eq!(read.warnings, [""; 0], "{name}");
+            let field = ["\nWorldAxes = RAS\n", "\nWorldAxes:=RAS\n"][usize::from(name.ends_with("nrrd"))];
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(
+                bytes.windows(field.len()).any(|window| window == field.as_bytes()),
+                "{name}"
+            );
             assert_eq!((read.image_size, read.frames.len()), (Some([3, 2]), 4));
             assert_eq!(read.image_type.as_deref(), Some("BRIGHTNESS"));
             assert_eq!(read.frames[1].timestamp, Some(0.1));
