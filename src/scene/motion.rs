@@ -67,7 +67,7 @@ impl SceneFile {
                 let to_world = world.transform(spec.tracker_to_world.map_or_else(Matrix4::identity, |rows| rows.0));
                 let trajectory =
                     Trajectory::from_tracked(&frames, &recording.array_to_marker, &to_world, interpolation)
-                        .map_err(|error| self.fault(tracked_key("motion.sequence", &error), error))?;
+                        .map_err(|error| self.tracked("motion.sequence", &recording.transform, error))?;
                 warnings.extend(left_out("motion.sequence", &trajectory, frames.len()));
                 return Ok(Some(ProbePath {
                     trajectory,
@@ -180,7 +180,7 @@ impl SceneFile {
                 let to_marker = matrix(spec.tip_to_marker);
                 let to_world = world.transform(matrix(spec.tracker_to_world));
                 let tip = NeedlePath::tip_from_tracked(&frames, &to_marker, axis, &to_world, interpolation)
-                    .map_err(|error| self.fault(tracked_key(key, &error), error))?;
+                    .map_err(|error| self.tracked(key, transform, error))?;
                 warnings.extend(left_out(key, &tip, frames.len()));
                 Ok((tip, true))
             }
@@ -192,6 +192,24 @@ impl SceneFile {
                 let found = "more than one of `keyframes`, `csv` and `sequence`";
                 Err(self.wrong_keys("needle.motion", found, "one of them"))
             }
+        }
+    }
+
+    /// The error of a path from recorded poses of a transform.
+    fn tracked(&self, table: &str, transform: &str, error: TrajectoryError) -> SceneError {
+        let key = tracked_key(table, &error);
+        match error {
+            TrajectoryError::NoValidPose { .. } => {
+                let transform = transform.to_owned();
+                self.fault(
+                    key,
+                    Problem::NoPose {
+                        transform,
+                        source: error,
+                    },
+                )
+            }
+            error => self.fault(key, error),
         }
     }
 
@@ -239,6 +257,7 @@ fn tracked_key(table: &str, error: &TrajectoryError) -> String {
         TrajectoryError::Transform { .. } if table.starts_with("needle") => "tip_to_marker",
         TrajectoryError::Transform { .. } => "transducer_to_probe",
         TrajectoryError::Pose { .. } => "shaft_axis",
+        TrajectoryError::NoValidPose { .. } => "transform",
         _ => "file",
     };
     format!("{table}.{key}")

@@ -33,6 +33,8 @@ const PIXEL_SHARE: f64 = 0.05;
 pub(super) struct Recording {
     /// The frames as recorded.
     pub frames: Vec<SequenceFrame>,
+    /// The transform that was taken for the pose of the marker.
+    pub transform: String,
     /// Centre of the array to the marker on the probe, rigid.
     pub array_to_marker: Matrix4<f64>,
     /// Of the pixels that are stored.
@@ -158,6 +160,7 @@ impl SceneFile {
         let stated = spec.transducer_to_probe.map_or_else(Matrix4::identity, |rows| rows.0);
         let recording = Recording {
             frames: sequence.frames,
+            transform: transform.to_owned(),
             array_to_marker: calibration.map_or(stated, |calibration| *calibration.transducer_to_probe()),
             calibration: calibration.map(|whole| crop.map_or(whole, |crop| whole.cropped(&crop))),
             image_size,
@@ -361,8 +364,9 @@ pub(super) fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<Strin
     let mut said = Vec::new();
     if let Some(first) = path.skipped().first() {
         said.push(format!(
-            "{key}: {} of {frames} frames skipped; frame {}: {}",
+            "{key}: {} of {frames} frames skipped ({}); frame {}: {}",
             path.skipped().len(),
+            ranges(path.skipped().iter().map(|skipped| skipped.frame)),
             first.frame,
             first.reason
         ));
@@ -374,4 +378,38 @@ pub(super) fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<Strin
         ));
     }
     said
+}
+
+/// Rising numbers as ranges such as `3, 7 to 9`, the first of many.
+fn ranges(numbers: impl Iterator<Item = usize>) -> String {
+    const SHOWN: usize = 12;
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    for number in numbers {
+        match ranges.last_mut() {
+            Some([_, last]) if *last + 1 == number => *last = number,
+            _ => ranges.push([number, number]),
+        }
+    }
+    let shown = ranges.iter().take(SHOWN).map(|[first, last]| match first == last {
+        true => first.to_string(),
+        false => format!("{first} to {last}"),
+    });
+    let mut text = shown.collect::<Vec<_>>().join(", ");
+    if ranges.len() > SHOWN {
+        text.push_str(", ...");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_as_ranges() {
+        assert_eq!(ranges([3, 7, 8, 9, 11].into_iter()), "3, 7 to 9, 11");
+        assert_eq!(ranges([5].into_iter()), "5");
+        let even = ranges((0..40).map(|half| 2 * half));
+        assert!(even.ends_with("20, 22, ..."), "{even}");
+    }
 }

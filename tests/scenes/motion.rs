@@ -163,7 +163,11 @@ fn invalid_frames_of_a_recording_are_counted() {
     let error = fault(&small(&format!(
         "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToTracker\""
     )));
-    assert!(error.to_string().contains("none of"), "{error}");
+    assert_eq!(error.key(), Some("motion.sequence.transform"));
+    assert!(
+        error.to_string().contains("`StylusToTracker`: none of 97 frames"),
+        "{error}"
+    );
     let error = fault(&small(&format!(
         "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToReference\""
     )));
@@ -365,6 +369,25 @@ fn frames_lie_on_the_recorded_grid() {
     assert!(bare.contains("no calibrated images"), "{bare}");
     let sized = error("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"\nwidth = 30");
     assert!(sized.contains("has its own size"), "{sized}");
+}
+
+#[test]
+fn frames_without_a_pose_are_listed() {
+    let status = "Seq_Frame0001_ProbeToTrackerTransformStatus = ";
+    let tracked = TRACKED.replace(&format!("{status}OK"), &format!("{status}INVALID"));
+    let scene = recorded_as([&tracked, CONFIG], "", "", "").expect("scene");
+    assert_eq!(scene.frames(), 1);
+    let told = "1 of 2 frames skipped (1); frame 1: the tracker marked its transform invalid";
+    assert!(says(&scene.warnings, &[told]), "{:?}", scene.warnings);
+    let gone = TRACKED.replace("Status = OK", "Status = INVALID");
+    let error = recorded_as([&gone, CONFIG], "", "", "").expect_err("no pose");
+    assert_eq!(error.key(), Some("motion.sequence.transform"));
+    assert!(
+        error
+            .to_string()
+            .contains("`ProbeToTracker`: none of 2 frames has a valid pose"),
+        "{error}"
+    );
 }
 
 #[test]
