@@ -277,17 +277,19 @@ impl SceneFile {
         let Some(spec) = self.image.filter(|image| image.grid == GridSpec::Recorded) else {
             return Ok(image);
         };
-        let fitted = ImageSpec::default();
-        if (spec.width, spec.height, spec.margin) != (fitted.width, fitted.height, fitted.margin) {
-            let found = "`grid = \"recorded\"` with `width`, `height` or `margin`";
-            return Err(self.wrong_keys("image", found, "the grid alone: the recording has its own size"));
-        }
         let calibrated = recording.and_then(|recording| recording.calibration.zip(recording.image_size));
         let Some((calibration, size)) = calibrated else {
             let expected = "a [motion.sequence] of images with `image_to_probe` or `plus_config`, or a `plus_config` with \
                             `OutputImageSizePixel`";
             return Err(self.wrong_keys("image.grid", "no calibrated images to take the grid of", expected));
         };
+        let fitted = ImageSpec::default();
+        let stated = [spec.width, spec.height];
+        let own = stated == [fitted.width, fitted.height] || stated.map(|side| side as usize) == size;
+        if !own || spec.margin != fitted.margin {
+            let found = "`grid = \"recorded\"` with `width`, `height` or `margin`";
+            return Err(self.wrong_keys("image", found, "the grid alone: the recording has its own size"));
+        }
         let placed = calibration.grid(size).at(self, "image.grid")?;
         let [width, height] = size;
         Ok(ImageSize {

@@ -75,6 +75,9 @@ impl SceneFile {
             }
         };
         let image = self.on_grid(framing.image, tracked.as_ref())?;
+        if let Some(spec) = file.image.as_mut().filter(|_| image.placed.is_some()) {
+            (spec.width, spec.height) = (image.width as u32, image.height as u32);
+        }
         if image.placed.is_none() {
             // Of pixels that frames do not have.
             for frame in tracked.iter_mut().flat_map(|tracked| &mut tracked.frames) {

@@ -352,6 +352,10 @@ fn frames_lie_on_the_recorded_grid() {
     let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
     assert!(!says(&scene.warnings, &["apart"]), "{:?}", scene.warnings);
+    let stated = scene.file.image.expect("image");
+    assert_eq!((stated.width, stated.height), (40, 30));
+    let again = "[image]\ngrid = \"recorded\"\nwidth = 40\nheight = 30";
+    recorded("", "plus_config = \"plus.xml\"", again).expect("the size in use");
     let tilted = ["87.14 degrees apart", "pixels stay", "tilted by 1.43 degrees"];
     assert!(says(&scene.notes, &tilted), "{:?}", scene.notes);
     let frame = crate::support::render(&scene, &mut crate::support::synthesizer(&scene), 1, 2);
