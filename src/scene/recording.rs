@@ -25,9 +25,6 @@ pub(super) const CROP: &str = "ImageToCroppedImage";
 /// Difference of entries of that transform that says nothing.
 const SAME_CROP: f64 = 1e-6;
 
-/// Difference of pixel sizes that is worth a word, as a share.
-const PIXEL_SHARE: f64 = 0.05;
-
 /// The tracked sequence that moves the probe.
 #[derive(Clone, Debug)]
 pub(super) struct Recording {
@@ -137,7 +134,7 @@ impl SceneFile {
             notes.extend(still.map(|text| format!("{KEY}: {text}")));
             let other = plus
                 .and_then(PlusConfig::pixel_mm)
-                .and_then(|stated| calibration.other_pixels(stated, PIXEL_SHARE));
+                .and_then(|stated| calibration.other_pixels(stated));
             let far = calibrated_size.and_then(|size| calibration.far_centre(size));
             let twice = match spec.array_centre_px {
                 Some(_) => None,

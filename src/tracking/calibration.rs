@@ -19,6 +19,9 @@ use crate::read;
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
 const SKEW: f64 = 0.1;
 
+/// Difference of pixel sizes that is worth a word, as a share.
+const PIXEL_SHARE: f64 = 0.05;
+
 /// Range of pixel sizes in a calibration, mm.
 const PIXEL_MM: [f64; 2] = [1e-4, 100.0];
 
@@ -33,7 +36,15 @@ pub enum CalibrationError {
         /// What the system says.
         source: io::Error,
     },
-    /// The file is not XML.
+    /// The file is no XML at all.
+    #[error("`{}`: found {found}; expected a PLUS configuration (XML)", path.display())]
+    NoXml {
+        /// The file.
+        path: PathBuf,
+        /// What it starts with.
+        found: String,
+    },
+    /// The file is not well-formed XML, or holds what no configuration does.
     #[error("`{}`, line {line}, column {column}: {found}", path.display())]
     Xml {
         /// The file.
@@ -179,10 +190,20 @@ impl Calibration {
         })
     }
 
-    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a share.
-    pub fn other_pixels(&self, stated_mm: [f64; 2], share: f64) -> Option<String> {
+    /// Lengths of the columns of the calibration, mm: a pixel's width, its height, and the distance of planes.
+    pub fn lengths_mm(&self) -> [f64; 3] {
+        self.lengths_mm
+    }
+
+    /// Angle between the image axes, degrees.
+    pub fn axes_apart_deg(&self) -> f64 {
+        90.0 + self.skew.to_degrees()
+    }
+
+    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
+    pub fn other_pixels(&self, stated_mm: [f64; 2]) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
-        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > share;
+        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > PIXEL_SHARE;
         (off(columns, stated_mm[0]) || off(rows, stated_mm[1])).then(|| {
             let [width, height] = stated_mm;
             format!("pixels are {columns:.4} x {rows:.4} mm by the calibration, and stated as {width} x {height} mm")
@@ -216,8 +237,7 @@ impl Calibration {
 
     /// Degrees between the image axes, and between each of them and the transducer's.
     fn apart_deg(&self) -> [f64; 2] {
-        let skew = self.skew.to_degrees();
-        [90.0 + skew, skew.abs() / 2.0]
+        [self.axes_apart_deg(), self.skew.abs().to_degrees() / 2.0]
     }
 
     /// Farthest that squaring up the axes moves a pixel of an image of this size, mm and pixels, from half a pixel on.
