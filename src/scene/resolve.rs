@@ -13,13 +13,13 @@ use super::error::{At, Problem, SceneError};
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
 use super::paths::MotionSpec;
-use super::recording::CROP;
+use super::recording::{CROP, Recording};
 use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
 use crate::phantom::{self, PhantomOptions};
 use crate::segmentation::{Names, Naming, open};
-use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::tissue::{TissueError, TissueTable, bank};
 use crate::tracking::matrix::Rows;
 use crate::tracking::pose::Pose;
@@ -75,15 +75,7 @@ impl SceneFile {
             }
         };
         let image = self.on_grid(framing.image, tracked.as_ref())?;
-        if let Some(spec) = file.image.as_mut().filter(|_| image.placed.is_some()) {
-            (spec.width, spec.height) = (image.width as u32, image.height as u32);
-        }
-        if image.placed.is_none() {
-            // Of pixels that frames do not have.
-            for frame in tracked.iter_mut().flat_map(|tracked| &mut tracked.frames) {
-                frame.transforms.remove(CROP);
-            }
-        }
+        settle(&image, &mut file, tracked.as_mut());
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
@@ -327,6 +319,17 @@ impl SceneFile {
                 .and_then(|name| self.tissue.iter().rposition(|tissue| tissue.name == name)),
         };
         at.map_or_else(|| "tissue".to_owned(), |at| format!("tissue[{at}].{}", error.key()))
+    }
+}
+
+/// States the size of frames on the recorded grid; of others takes the crop from what was recorded, as they have other pixels.
+fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Recording>) {
+    if image.placed.is_none() {
+        for frame in recording.into_iter().flat_map(|recording| &mut recording.frames) {
+            frame.transforms.remove(CROP);
+        }
+    } else if let Some(spec) = &mut file.image {
+        (spec.width, spec.height) = (image.width as u32, image.height as u32);
     }
 }
 
