@@ -17,6 +17,7 @@ use super::recording::{CROP, Recording};
 use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
+use crate::effects::Effects;
 use crate::phantom::{self, PhantomOptions};
 use crate::segmentation::{Names, Naming, open};
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
@@ -83,13 +84,7 @@ impl SceneFile {
         warnings.extend(blind);
 
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
-        let echo = framing.effects.needle.as_ref();
-        warnings.extend(unseen(
-            &probe,
-            needle.as_ref(),
-            &timeline,
-            echo.and_then(|echo| echo.thickness_mm),
-        ));
+        warnings.extend(unseen(&probe, needle.as_ref(), &timeline, &framing.effects));
 
         Ok(Scene {
             anatomy: Anatomy {
@@ -391,14 +386,8 @@ fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     )
 }
 
-/// A warning where a recorded needle is in no frame so near to the scan plane (of a thickness for needles, mm; by default its
-/// diameter) that it is shown.
-fn unseen(
-    probe: &Trajectory,
-    needle: Option<&Needle>,
-    timeline: &Timeline,
-    thickness_mm: Option<f64>,
-) -> Option<String> {
+/// A warning where a recorded needle is in no frame so near to the scan plane that it is shown.
+fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effects: &Effects) -> Option<String> {
     let Some(Needle::Moving { path, recorded: true }) = needle else {
         return None;
     };
@@ -412,7 +401,8 @@ fn unseen(
             false => a.z.abs().min(b.z.abs()),
         });
         nearest = gaps.fold(nearest, f64::min);
-        reach = (shaft.diameter_mm() + thickness_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
+        let plane_mm = effects.needle.as_ref().and_then(|echo| echo.thickness_mm);
+        reach = (shaft.diameter_mm() + plane_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
     }
     (nearest > reach).then(|| {
         format!(
