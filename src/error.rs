@@ -29,6 +29,7 @@ use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
+use crate::tracking::calibration::CalibrationError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
 
@@ -80,6 +81,9 @@ pub enum Error {
     /// A frame cannot be synthesised.
     #[error(transparent)]
     Synth(#[from] SynthError),
+    /// A configuration of PLUS cannot be read.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// The GPU could not do it.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -139,6 +143,7 @@ impl Error {
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory(_)) => true,
+            Self::Calibration(error) => error.is_machine(),
             Self::Study(error) => error.is_machine(),
             Self::Image(error) => error.is_machine(),
             Self::Compare(error) => error.is_machine(),

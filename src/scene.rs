@@ -178,7 +178,9 @@ impl Scene {
     /// The scene with a needle that moves as a table says.
     pub(crate) fn with_needle(mut self, table: NeedleTable) -> Result<Self, SceneError> {
         self.file.needle = Some(table);
-        self.needle = self.file.needle(Path::new(""), &mut self.warnings)?;
+        self.needle = self
+            .file
+            .needle(Path::new(""), None, &mut self.notes, &mut self.warnings)?;
         self.settings.has_needle = true;
         Ok(self)
     }

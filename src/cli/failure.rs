@@ -29,6 +29,7 @@ use insonify::study::tradeoff::insertion::InsertionStudyError;
 use insonify::study::tradeoff::remesh::StudyError;
 use insonify::study::tradeoff::tissue::TissueError;
 use insonify::synth::SynthError;
+use insonify::tracking::calibration::CalibrationError;
 use insonify::volume::VolumeError;
 use insonify::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
@@ -135,6 +136,7 @@ from_library!(
     insonify::error::Error,
     BeamCaseError,
     BeamError,
+    CalibrationError,
     CompareError,
     CompletionError,
     GenerateError,

@@ -1,26 +1,32 @@
-//! `insonify info`: what a label file, a folder of masks or a tracked sequence holds.
+//! `insonify info`: what a label file, a folder of masks, a tracked sequence or a configuration of PLUS holds.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use clap::Args;
 use insonify::segmentation;
+use insonify::tracking::plus::PlusInfo;
 use insonify::tracking::sequence::SequenceInfo;
+use serde::Serialize;
 
 use super::failure::Failure;
 use super::input::NamesArg;
 use super::terminal;
 
 /// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the tissue that each is taken
-/// for with the evidence (`?` where it is a guess); of a tracked sequence frames, images, rate, and transforms with their validity
+/// for with the evidence (`?` where it is a guess); of a tracked sequence frames, images, rate, and transforms with their
+/// validity; of a PLUS configuration (.xml) probe, images, calibration and coordinate definitions
 #[derive(Args)]
 pub struct Info {
-    /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence of PLUS
+    /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence or
+    /// configuration (.xml) of PLUS
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
     names: NamesArg,
     /// Print JSON: `size`, `spacing_mm`, `orientation`, `origin_mm`, `labels`, `notes`, `warnings`; of a sequence `bytes`, `frames`,
-    /// `images`, `time`, `transforms`, `warnings`
+    /// `images`, `time`, `transforms`, `warnings`; of a configuration `transducer`, `probe`, `image_size`, `pixel_mm`,
+    /// `array_centre_px`, `calibration`, `transforms`, `warnings`
     #[arg(long)]
     json: bool,
 }
@@ -28,16 +34,22 @@ pub struct Info {
 impl Info {
     pub fn run(&self) -> Result<(), Failure> {
         if let Some(info) = SequenceInfo::of(&self.file) {
-            return if self.json {
-                terminal::emit_json(&info)
-            } else {
-                terminal::emit(&info.to_string())
-            };
+            return self.print(&info);
+        }
+        if self
+            .file
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("xml"))
+        {
+            return self.print(&PlusInfo::read(&self.file)?);
         }
         let opened = segmentation::open(&self.file, &self.names.naming()?)?;
-        let info = segmentation::Info::new(&opened, &self.file);
+        self.print(&segmentation::Info::new(&opened, &self.file))
+    }
+
+    fn print(&self, info: &(impl Serialize + fmt::Display)) -> Result<(), Failure> {
         if self.json {
-            terminal::emit_json(&info)
+            terminal::emit_json(info)
         } else {
             terminal::emit(&info.to_string())
         }

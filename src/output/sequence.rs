@@ -24,18 +24,21 @@ pub struct FrameInfo<'a> {
     pub image_valid: bool,
 }
 
-/// The transforms of a rendered frame: `ImageToWorld` and `TransducerToWorld` (the centre of the array), and all others that a
-/// tracker recorded for it.
+/// The transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` where it has the pixels of a cropped recording) and
+/// `TransducerToWorld` (the centre of the array), and all others that a tracker recorded for it.
 pub fn transforms(
     [image_to_world, transducer_to_world]: [Matrix4<f64>; 2],
     recorded: Option<&SequenceFrame>,
 ) -> Vec<(&str, Matrix4<f64>, bool)> {
+    let cropped = recorded.is_some_and(|frame| frame.transforms.contains_key("ImageToCroppedImage"));
+    let image = if cropped { "CroppedImageToWorld" } else { "ImageToWorld" };
     let mut all = vec![
-        ("ImageToWorld", image_to_world, true),
+        (image, image_to_world, true),
         ("TransducerToWorld", transducer_to_world, true),
     ];
     let others = recorded.into_iter().flat_map(|frame| &frame.transforms);
-    let others = others.filter(|(name, _)| !["ImageToWorld", "TransducerToWorld"].contains(&name.as_str()));
+    let others = others
+        .filter(|(name, _)| !["ImageToWorld", "CroppedImageToWorld", "TransducerToWorld"].contains(&name.as_str()));
     all.extend(others.map(|(name, transform)| (name.as_str(), transform.matrix, transform.valid)));
     all
 }
@@ -172,6 +175,15 @@ impl SequenceWriter {
         Ok(Self { depth: 2, ..images })
     }
 
+    /// States a field of the whole sequence, such as `WorldAxes`; before the first frame. Names are of letters alone, and values of
+    /// one line.
+    pub fn field(&mut self, name: &str, value: &str) {
+        debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
+        let is = self.assignment();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.keys, "{name}{is}{value}");
+    }
+
     /// Adds a frame: pixels row by row from the near unmarked corner.
     ///
     /// # Errors
@@ -302,7 +314,7 @@ impl SequenceWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tracking::sequence::Sequence;
+    use crate::tracking::sequence::{Sequence, TrackedTransform};
 
     #[test]
     fn sequences_come_back() {
@@ -318,6 +330,7 @@ mod tests {
                 }
             });
             let broken = Matrix4::repeat(f64::NAN);
+            writer.field("WorldAxes", "RAS");
             for frame in 0..4u8 {
                 let transforms = [("ProbeToTracker", pose, frame != 2), ("NeedleToTracker", broken, true)];
                 let info = FrameInfo {
@@ -330,6 +343,12 @@ mod tests {
             writer.finish().unwrap();
             let read = Sequence::read(&path).unwrap();
             assert_eq!(read.warnings, [""; 0], "{name}");
+            let field = ["\nWorldAxes = RAS\n", "\nWorldAxes:=RAS\n"][usize::from(name.ends_with("nrrd"))];
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(
+                bytes.windows(field.len()).any(|window| window == field.as_bytes()),
+                "{name}"
+            );
             assert_eq!((read.image_size, read.frames.len()), (Some([3, 2]), 4));
             assert_eq!(read.image_type.as_deref(), Some("BRIGHTNESS"));
             assert_eq!(read.frames[1].timestamp, Some(0.1));
@@ -347,6 +366,26 @@ mod tests {
             assert!(length < 4000, "{length}");
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn images_on_the_pixels_of_a_cropped_recording_are_named_so() {
+        let place = Matrix4::identity();
+        let names = |frame: Option<&SequenceFrame>| transforms([place; 2], frame)[0].0.to_owned();
+        let crop = TrackedTransform {
+            matrix: place,
+            valid: true,
+        };
+        let cropped = SequenceFrame {
+            index: 0,
+            timestamp: None,
+            transforms: [("ImageToCroppedImage".to_owned(), crop)].into(),
+            image_valid: true,
+        };
+        assert_eq!(
+            [names(None), names(Some(&cropped))],
+            ["ImageToWorld", "CroppedImageToWorld"]
+        );
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::mechanics::needle::{self, beam::bending_stiffness_nmm2};
 use crate::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
+use crate::tracking::world::World;
 
 /// Length and diameter of the needle of Goksel et al. 2011, mm.
 const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
@@ -279,6 +280,7 @@ impl ScenarioFile {
             }
         };
         let needle = SceneNeedle {
+            world: Some(World::Lps),
             length_mm: Some(needle.length_mm),
             diameter_mm: Some(needle.diameter_mm),
             motion: Some(motion),

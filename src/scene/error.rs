@@ -61,6 +61,14 @@ pub enum Problem {
         /// The transforms that are there.
         has: String,
     },
+    /// A transform that has no valid pose in any frame.
+    #[error("`{transform}`: {source}")]
+    NoPose {
+        /// The transform asked for.
+        transform: String,
+        /// Why there is no pose.
+        source: TrajectoryError,
+    },
     /// A frame past the last.
     #[error("frame {frame} of {of}; frames count from 0")]
     Frame {

@@ -204,7 +204,7 @@ pub enum GridSpec {
 pub struct ImageSpec {
     /// Where the pixels lie. Default `fitted`.
     pub grid: GridSpec,
-    /// Columns (1 to 16384). Default 640; not with `recorded`, as `height` and `margin`.
+    /// Columns (1 to 16384). Default 640; with `recorded` what the recording has, as `height`, and no `margin`.
     pub width: u32,
     /// Rows (1 to 16384). Default 480.
     pub height: u32,

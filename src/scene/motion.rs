@@ -6,7 +6,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
-use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable};
+use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
@@ -34,6 +34,7 @@ impl SceneFile {
         &self,
         base: &Path,
         plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Option<ProbePath>, SceneError> {
         let Some(motion) = &self.motion else { return Ok(None) };
@@ -62,11 +63,11 @@ impl SceneFile {
                 }));
             }
             (None, None, Some(spec)) => {
-                let (frames, recording) = self.recording(spec, base, plus, warnings)?;
+                let (frames, recording) = self.recording(spec, base, plus, notes, warnings)?;
                 let to_world = world.transform(spec.tracker_to_world.map_or_else(Matrix4::identity, |rows| rows.0));
                 let trajectory =
                     Trajectory::from_tracked(&frames, &recording.array_to_marker, &to_world, interpolation)
-                        .map_err(|error| self.fault(tracked_key("motion.sequence", &error), error))?;
+                        .map_err(|error| self.tracked("motion.sequence", &recording.transform, error))?;
                 warnings.extend(left_out("motion.sequence", &trajectory, frames.len()));
                 return Ok(Some(ProbePath {
                     trajectory,
@@ -87,8 +88,23 @@ impl SceneFile {
     }
 
     /// The needle, if the scene names one.
-    pub(super) fn needle(&self, base: &Path, warnings: &mut Vec<String>) -> Result<Option<Needle>, SceneError> {
+    pub(super) fn needle(
+        &self,
+        base: &Path,
+        plus: Option<&PlusConfig>,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Needle>, SceneError> {
         let Some(table) = &self.needle else { return Ok(None) };
+        let of_probe = self.motion.as_ref().and_then(|motion| motion.world);
+        if table.world.is_none() && of_probe == Some(World::Ras) {
+            let note = "the needle is read as RAS, as [motion] states; `world` under [needle] states its own axes";
+            notes.push(note.to_owned());
+        }
+        let table = &NeedleTable {
+            world: table.world.or(of_probe),
+            ..table.clone()
+        };
         let Some(motion) = &table.motion else {
             if table.bending.is_some() {
                 let expected = "`needle.motion`: only a needle that moves bends";
@@ -104,7 +120,7 @@ impl SceneFile {
             return Err(self.wrong_keys("needle", found, "one of them (`length_mm` and `diameter_mm` suit both)"));
         }
         let world = table.world.unwrap_or_default();
-        let (tip, recorded) = self.needle_tip(motion, world, base, warnings)?;
+        let (tip, recorded) = self.needle_tip(motion, world, (base, plus), notes, warnings)?;
         let path = self.needle_path(table, tip)?;
         Ok(Some(Needle::Moving { path, recorded }))
     }
@@ -127,7 +143,8 @@ impl SceneFile {
         &self,
         motion: &NeedleMotionSpec,
         world: World,
-        base: &Path,
+        (base, plus): (&Path, Option<&PlusConfig>),
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<(Trajectory, bool), SceneError> {
         let interpolation = motion.interpolation.unwrap_or_default();
@@ -148,7 +165,14 @@ impl SceneFile {
             }
             (None, None, Some(spec)) => {
                 let key = "needle.motion.sequence";
-                let (frames, path) = self.frames(key, spec.file.as_deref(), needle_transform(spec), base)?;
+                let own = spec
+                    .plus_config
+                    .as_ref()
+                    .map(|config| PlusConfig::read(&base.join(config)));
+                let own = own.transpose().at(self, "needle.motion.sequence.plus_config")?;
+                let transform = spec.transform.as_deref().unwrap_or("NeedleToTracker");
+                let from = (spec.file.as_deref(), transform, own.as_ref().or(plus));
+                let (frames, path) = self.frames(key, from, base, notes)?;
                 warnings.extend(path.warnings);
                 let matrix =
                     |rows: Option<crate::tracking::matrix::Rows>| rows.map_or_else(Matrix4::identity, |rows| rows.0);
@@ -156,7 +180,7 @@ impl SceneFile {
                 let to_marker = matrix(spec.tip_to_marker);
                 let to_world = world.transform(matrix(spec.tracker_to_world));
                 let tip = NeedlePath::tip_from_tracked(&frames, &to_marker, axis, &to_world, interpolation)
-                    .map_err(|error| self.fault(tracked_key(key, &error), error))?;
+                    .map_err(|error| self.tracked(key, transform, error))?;
                 warnings.extend(left_out(key, &tip, frames.len()));
                 Ok((tip, true))
             }
@@ -168,6 +192,24 @@ impl SceneFile {
                 let found = "more than one of `keyframes`, `csv` and `sequence`";
                 Err(self.wrong_keys("needle.motion", found, "one of them"))
             }
+        }
+    }
+
+    /// The error of a path from recorded poses of a transform.
+    fn tracked(&self, table: &str, transform: &str, error: TrajectoryError) -> SceneError {
+        let key = tracked_key(table, &error);
+        match error {
+            TrajectoryError::NoValidPose { .. } => {
+                let transform = transform.to_owned();
+                self.fault(
+                    key,
+                    Problem::NoPose {
+                        transform,
+                        source: error,
+                    },
+                )
+            }
+            error => self.fault(key, error),
         }
     }
 
@@ -193,10 +235,6 @@ impl SceneFile {
     }
 }
 
-fn needle_transform(spec: &NeedleSequenceSpec) -> &str {
-    spec.transform.as_deref().unwrap_or("NeedleToTracker")
-}
-
 /// The key that an error about keyframes is about.
 fn keyframe_key(table: &str, error: &TrajectoryError) -> String {
     match error {
@@ -219,6 +257,7 @@ fn tracked_key(table: &str, error: &TrajectoryError) -> String {
         TrajectoryError::Transform { .. } if table.starts_with("needle") => "tip_to_marker",
         TrajectoryError::Transform { .. } => "transducer_to_probe",
         TrajectoryError::Pose { .. } => "shaft_axis",
+        TrajectoryError::NoValidPose { .. } => "transform",
         _ => "file",
     };
     format!("{table}.{key}")

@@ -44,7 +44,7 @@ pub struct SequenceSpec {
     #[schemars(required)]
     pub file: Option<PathBuf>,
     /// The transform from the marker on the probe to the tracker: one that the file has, or one that follows from those it
-    /// has. Default `ProbeToTracker`.
+    /// has and those that `plus_config` defines. Default `ProbeToTracker`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transform: Option<String>,
     /// Rigid transform from the centre of the array (the probe frame of this crate) to the marker. Default: identity.
@@ -69,7 +69,8 @@ pub struct SequenceSpec {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleTable {
-    /// Axes of the world that the needle, and what moves it, are stated in: `lps` (default), or `ras` as in 3D Slicer.
+    /// Axes of the world that the needle, and what moves it, are stated in: `lps`, or `ras` as in 3D Slicer. Default: those of
+    /// `[motion]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world: Option<World>,
     /// The tip in the world, mm.
@@ -155,9 +156,12 @@ pub struct NeedleSequenceSpec {
     /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,
-    /// The transform from the marker on the needle to the tracker. Default `NeedleToTracker`.
+    /// The transform from the marker on the needle to the tracker, as for the probe. Default `NeedleToTracker`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transform: Option<String>,
+    /// A PLUS configuration file with more transforms. Default: that of the probe's sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plus_config: Option<PathBuf>,
     /// Rigid transform from the tip's frame to the marker. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_to_marker: Option<Rows>,

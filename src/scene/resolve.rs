@@ -4,18 +4,23 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use nalgebra::{Point3, Vector3};
+
 use super::Scene;
 use super::check::Framing;
+use super::deform::Deformation;
 use super::error::{At, Problem, SceneError};
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
 use super::paths::MotionSpec;
+use super::recording::{CROP, Recording};
 use super::target::Body;
 use super::timeline::Timeline;
 use crate::document::nearest;
+use crate::effects::Effects;
 use crate::phantom::{self, PhantomOptions};
 use crate::segmentation::{Names, Naming, open};
-use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::tissue::{TissueError, TissueTable, bank};
 use crate::tracking::matrix::Rows;
 use crate::tracking::pose::Pose;
@@ -37,12 +42,12 @@ impl SceneFile {
         let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
         let framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
-        let path = self.probe_path(base_dir, plus.as_ref(), &mut warnings)?;
+        let path = self.probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         if path.is_some() && self.pose.is_some() {
             let found = "both `[pose]` and a path in `[motion]`";
             return Err(self.wrong_keys("pose", found, "one of them"));
         }
-        let needle = self.needle(base_dir, &mut warnings)?;
+        let needle = self.needle(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
         let textures = self.textures(base_dir)?;
         self.check_texture_names(&textures)?;
 
@@ -55,7 +60,7 @@ impl SceneFile {
         let deformation = self.deformation(&volume, base_dir)?;
 
         let mut file = self.filled(&framing);
-        let (probe, recorded, tracked) = match path {
+        let (probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
                 let body = Body {
@@ -71,30 +76,15 @@ impl SceneFile {
             }
         };
         let image = self.on_grid(framing.image, tracked.as_ref())?;
+        settle(&image, &mut file, tracked.as_mut());
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
         }
         warnings.extend(blind);
 
-        let span = |path: &Trajectory| [path.start_s(), path.end_s()];
-        let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
-        let mut spans = Vec::new();
-        let mut recording: Option<Vec<f64>> = recorded.then(|| times(&probe));
-        if self.motion.is_some() && probe.keys().len() > 1 {
-            spans.push(span(&probe));
-        }
-        if let Some(Needle::Moving { path, recorded }) = &needle {
-            spans.push(span(path.tip()));
-            if *recorded && recording.is_none() && spans.len() == 1 {
-                recording = Some(times(path.tip()));
-            }
-        }
-        if let Some(ramp) = deformation.as_ref().and_then(super::Deformation::span_s) {
-            let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
-            spans.push(ramp.map(|time| start + time.max(0.0)));
-        }
-        let stated = self.motion.as_ref().and_then(|motion| motion.frames);
+        let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
+        warnings.extend(unseen(&probe, needle.as_ref(), &timeline, &framing.effects));
 
         Ok(Scene {
             anatomy: Anatomy {
@@ -119,8 +109,37 @@ impl SceneFile {
             recording: tracked.map_or_else(Vec::new, |tracked| tracked.frames),
             needle,
             deformation,
-            timeline: Timeline::new(recording, &spans, stated.map(|frames| frames as usize)),
+            timeline,
         })
+    }
+
+    /// When frames are: `recorded` tells whether the poses of the probe's path are frames of their own.
+    fn timeline(
+        &self,
+        probe: &Trajectory,
+        recorded: bool,
+        needle: Option<&Needle>,
+        deformation: Option<&Deformation>,
+    ) -> Timeline {
+        let span = |path: &Trajectory| [path.start_s(), path.end_s()];
+        let times = |path: &Trajectory| path.keys().iter().map(|key| key.time_s).collect();
+        let mut spans = Vec::new();
+        let mut recording: Option<Vec<f64>> = recorded.then(|| times(probe));
+        if self.motion.is_some() && probe.keys().len() > 1 {
+            spans.push(span(probe));
+        }
+        if let Some(Needle::Moving { path, recorded }) = needle {
+            spans.push(span(path.tip()));
+            if *recorded && recording.is_none() && spans.len() == 1 {
+                recording = Some(times(path.tip()));
+            }
+        }
+        if let Some(ramp) = deformation.and_then(Deformation::span_s) {
+            let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
+            spans.push(ramp.map(|time| start + time.max(0.0)));
+        }
+        let stated = self.motion.as_ref().and_then(|motion| motion.frames);
+        Timeline::new(recording, &spans, stated.map(|frames| frames as usize))
     }
 
     fn filled(&self, framing: &Framing) -> Self {
@@ -212,6 +231,8 @@ impl SceneFile {
         let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
         let probe = probe.and_then(|motion| motion.sequence.as_ref());
         let needle = self.needle.as_ref().filter(|needle| needle.world.is_none());
+        let inherits = self.motion.as_ref().is_some_and(|motion| motion.world.is_some());
+        let needle = needle.filter(|_| !inherits);
         let needle = needle.and_then(|needle| needle.motion.as_ref()?.sequence.as_ref());
         let open = [
             (
@@ -296,6 +317,17 @@ impl SceneFile {
     }
 }
 
+/// States the size of frames on the recorded grid; of others takes the crop from what was recorded, as they have other pixels.
+fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Recording>) {
+    if image.placed.is_none() {
+        for frame in recording.into_iter().flat_map(|recording| &mut recording.frames) {
+            frame.transforms.remove(CROP);
+        }
+    } else if let Some(spec) = &mut file.image {
+        (spec.width, spec.height) = (image.width as u32, image.height as u32);
+    }
+}
+
 /// A warning where poses of a path show nothing of the volume, with what to change where the other reading of the axes in
 /// which `stated` (a table and its axes) has them shows more.
 fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
@@ -310,6 +342,14 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
         (1, 1) => "the probe sees nothing of the volume: the frame will be black".to_owned(),
         _ => format!("the probe sees nothing of the volume in {black} of {poses} poses"),
     };
+    let first = path.keys().iter().find(|key| !sees(volume, grid, &key.pose))?;
+    let axes = stated.map_or(World::Lps, |(_, world)| world);
+    warning.push_str(if poses == 1 {
+        ". The"
+    } else {
+        ". In the first of them the"
+    });
+    warning.push_str(&apart(volume, &first.pose, axes));
     if let Some((table, world)) = stated {
         let (other, seen) = (world.other(), poses - blind(World::Ras));
         if seen > poses - black {
@@ -323,6 +363,55 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     Some(warning)
 }
 
+/// The places of an array and of the volume in the axes of `world`, and the distance between them.
+fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
+    let ends = volume.size().map(|count| [-0.5, count as f64 - 0.5]);
+    let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for corner in 0..8 {
+        let index = [0, 1, 2].map(|axis| ends[axis][corner >> axis & 1]);
+        let corner = volume.index_to_world().transform_point(&Point3::from(index));
+        let corner = world.vector(corner.into());
+        low = [0, 1, 2].map(|axis| low[axis].min(corner[axis]));
+        high = [0, 1, 2].map(|axis| high[axis].max(corner[axis]));
+    }
+    let at = world.vector(pose.position_mm().into());
+    let gaps = [0, 1, 2].map(|axis| (low[axis] - at[axis]).max(at[axis] - high[axis]).max(0.0));
+    let distance = Vector3::from(gaps).norm();
+    let [at, low, high] = [at, low, high].map(|point| {
+        let [x, y, z] = point.map(|along| along.round() as i64);
+        format!("({x}, {y}, {z})")
+    });
+    format!(
+        " centre of the array is at {at} mm and the volume spans {low} to {high} mm ({world}): {distance:.0} mm apart"
+    )
+}
+
+/// A warning where a recorded needle is in no frame so near to the scan plane that it is shown.
+fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effects: &Effects) -> Option<String> {
+    let Some(Needle::Moving { path, recorded: true }) = needle else {
+        return None;
+    };
+    let frames = timeline.frames();
+    let (mut nearest, mut reach) = (f64::INFINITY, 0.0);
+    for frame in 0..frames {
+        let time_s = timeline.time_s(frame, frames);
+        let shaft = path.at(time_s).transformed(&probe.at(time_s).world_to_probe());
+        let gaps = shaft.segments_mm().map(|[a, b]| match a.z * b.z <= 0.0 {
+            true => 0.0,
+            false => a.z.abs().min(b.z.abs()),
+        });
+        nearest = gaps.fold(nearest, f64::min);
+        let plane_mm = effects.needle.as_ref().and_then(|echo| echo.thickness_mm);
+        reach = (shaft.diameter_mm() + plane_mm.unwrap_or(shaft.diameter_mm())) / 2.0;
+    }
+    (nearest > reach).then(|| {
+        format!(
+            "the needle is in none of {frames} frames nearer than {nearest:.1} mm to the imaging plane: it is not seen. Do its path \
+             and that of the probe lead to the same world?"
+        )
+    })
+}
+
 /// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.
 const LOOKS: usize = 24;
 
@@ -333,7 +422,7 @@ fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
         (0..LOOKS).any(|at| {
             let depth = (at as f64 + 0.5) / LOOKS as f64 * depth_mm;
             let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
-            let point = pose.probe_to_world().transform_point(&nalgebra::Point3::new(x, y, 0.0));
+            let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
             volume.label_index_at(&point).is_some()
         })
     })

@@ -19,6 +19,9 @@ use crate::read;
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
 const SKEW: f64 = 0.1;
 
+/// Difference of pixel sizes that is worth a word, as a share.
+const PIXEL_SHARE: f64 = 0.05;
+
 /// Range of pixel sizes in a calibration, mm.
 const PIXEL_MM: [f64; 2] = [1e-4, 100.0];
 
@@ -33,7 +36,15 @@ pub enum CalibrationError {
         /// What the system says.
         source: io::Error,
     },
-    /// The file is not XML.
+    /// The file is no XML at all.
+    #[error("`{}`: found {found}; expected a PLUS configuration (XML)", path.display())]
+    NoXml {
+        /// The file.
+        path: PathBuf,
+        /// What it starts with.
+        found: String,
+    },
+    /// The file is not well-formed XML, or holds what no configuration does.
     #[error("`{}`, line {line}, column {column}: {found}", path.display())]
     Xml {
         /// The file.
@@ -66,7 +77,7 @@ pub enum CalibrationError {
         found: f64,
     },
     /// Image axes that are not square to each other.
-    #[error("image-to-probe calibration: the image axes are {found:.3} rad off square; expected at most {SKEW}")]
+    #[error("image-to-probe calibration: the image axes are {:.2} degrees off square; expected at most {:.2}", found.to_degrees(), SKEW.to_degrees())]
     Skewed {
         /// How far, rad.
         found: f64,
@@ -141,6 +152,18 @@ impl Calibration {
         })
     }
 
+    /// The calibration of images that `crop` makes of these by a shift and a positive scale along columns and rows.
+    pub fn cropped(&self, crop: &Matrix4<f64>) -> Self {
+        let scale = [crop[(0, 0)], crop[(1, 1)]];
+        let [columns, rows, planes] = self.lengths_mm;
+        Self {
+            steps_mm: [0, 1].map(|axis| self.steps_mm[axis].map(|step| step / scale[axis])),
+            lengths_mm: [columns / scale[0], rows / scale[1], planes],
+            array_centre_px: [0, 1].map(|axis| scale[axis] * self.array_centre_px[axis] + crop[(axis, 3)]),
+            ..*self
+        }
+    }
+
     /// The transducer in the frame of the marker on the probe, mm; rigid.
     pub fn transducer_to_probe(&self) -> &Matrix4<f64> {
         &self.transducer_to_probe
@@ -157,10 +180,30 @@ impl Calibration {
         [0, 1].map(|axis| column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
 
-    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a share.
-    pub fn other_pixels(&self, stated_mm: [f64; 2], share: f64) -> Option<String> {
+    /// A warning where the centre of the array lies farther outside images of this size than half of it.
+    pub fn far_centre(&self, size: [usize; 2]) -> Option<String> {
+        let [column, row] = self.array_centre_px;
+        let is_far = |(at, side): (f64, usize)| !(-0.5..=1.5).contains(&(at / side as f64));
+        let [width, height] = size;
+        [(column, width), (row, height)].into_iter().any(is_far).then(|| {
+            format!("the centre of the array is at pixel ({column}, {row}), far outside the images of {width} x {height}: is it meant?")
+        })
+    }
+
+    /// Lengths of the columns of the calibration, mm: a pixel's width, its height, and the distance of planes.
+    pub fn lengths_mm(&self) -> [f64; 3] {
+        self.lengths_mm
+    }
+
+    /// Angle between the image axes, degrees.
+    pub fn axes_apart_deg(&self) -> f64 {
+        90.0 + self.skew.to_degrees()
+    }
+
+    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
+    pub fn other_pixels(&self, stated_mm: [f64; 2]) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
-        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > share;
+        let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > PIXEL_SHARE;
         (off(columns, stated_mm[0]) || off(rows, stated_mm[1])).then(|| {
             let [width, height] = stated_mm;
             format!("pixels are {columns:.4} x {rows:.4} mm by the calibration, and stated as {width} x {height} mm")
@@ -169,7 +212,36 @@ impl Calibration {
 
     /// A warning where the image axes are so far off a right angle that squaring them up moves a pixel of an image of this
     /// size by half a pixel or more.
-    pub fn skew_warning(&self, [width, height]: [usize; 2]) -> Option<String> {
+    pub fn skew_warning(&self, size: [usize; 2]) -> Option<String> {
+        let (farthest, pixels) = self.moved(size)?;
+        let [columns, rows, planes] = self.lengths_mm;
+        let ([width, height], [apart, tilt]) = (size, self.apart_deg());
+        Some(format!(
+            "the image axes of the calibration are {apart:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
+             {planes:.4} mm long). The transducer's axes are squared up, {tilt:.2} degrees off each of them: that moves pixels \
+             of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
+             the recorded grid (`image.grid = \"recorded\"`)"
+        ))
+    }
+
+    /// As [`Calibration::skew_warning`], of frames on the recorded grid, in which nothing moves.
+    pub fn skew_note(&self, size: [usize; 2]) -> Option<String> {
+        let [apart, tilt] = self.apart_deg();
+        self.moved(size).map(|_| {
+            format!(
+                "the image axes of the calibration are {apart:.2} degrees apart, not 90: pixels stay where it puts them, and the \
+                 outline of the sector is tilted by {tilt:.2} degrees in the image"
+            )
+        })
+    }
+
+    /// Degrees between the image axes, and between each of them and the transducer's.
+    fn apart_deg(&self) -> [f64; 2] {
+        [self.axes_apart_deg(), self.skew.abs().to_degrees() / 2.0]
+    }
+
+    /// Farthest that squaring up the axes moves a pixel of an image of this size, mm and pixels, from half a pixel on.
+    fn moved(&self, [width, height]: [usize; 2]) -> Option<(f64, f64)> {
         let corners = [[0, 0], [width, 0], [0, height], [width, height]];
         let moved_mm = corners.map(|corner| {
             let pixel = corner.map(|at| at as f64);
@@ -178,18 +250,8 @@ impl Calibration {
             (x - squared[0]).hypot(y - squared[1])
         });
         let farthest = moved_mm.into_iter().fold(0.0, f64::max);
-        let [columns, rows, planes] = self.lengths_mm;
-        let pixels = farthest / (columns * rows).sqrt();
-        (pixels >= 0.5).then(|| {
-            format!(
-                "the image axes of the calibration are {:.2} degrees apart, not 90 (its columns are {columns:.4}, {rows:.4} and \
-                 {planes:.4} mm long). The transducer's axes are squared up, {:.2} degrees off each of them: that moves pixels \
-                 of an image of {width} x {height} by up to {farthest:.2} mm ({pixels:.0} pixels), unless frames are made on \
-                 the recorded grid (`image.grid = \"recorded\"`)",
-                90.0 + self.skew.to_degrees(),
-                self.skew.abs().to_degrees() / 2.0
-            )
-        })
+        let pixels = farthest / (self.lengths_mm[0] * self.lengths_mm[1]).sqrt();
+        (pixels >= 0.5).then_some((farthest, pixels))
     }
 }
 
@@ -234,6 +296,13 @@ mod tests {
             "{y}"
         );
         assert_eq!(calibration.skew_warning([820, 616]), None);
+        assert_eq!(calibration.far_centre([820, 616]), None);
+        let far = Calibration::new(&image, [4100.0, 0.0]).expect("calibration");
+        let warning = far.far_centre([820, 616]).expect("a warning");
+        assert!(
+            warning.contains("(4100, 0), far outside the images of 820 x 616"),
+            "{warning}"
+        );
     }
 
     #[test]
@@ -250,6 +319,17 @@ mod tests {
             let pixel = Vector4::new(pixel[0], pixel[1], 0.0, 1.0);
             assert!((through * pixel - image * pixel).amax() < 1e-9, "{pixel}");
         }
+        let crop = Matrix4::from_row_slice(&[
+            2.0, 0.0, 0.0, -670.0, 0.0, 0.5, 0.0, -90.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]);
+        let cropped = calibration.cropped(&crop);
+        assert_eq!(cropped.transducer_to_probe(), calibration.transducer_to_probe());
+        let grid = cropped.grid([100, 80]).expect("grid");
+        let place = cropped.transducer_to_probe() * grid.image_to_probe() * Vector4::new(10.0, 6.0, 0.0, 1.0);
+        assert!(
+            (place - image * Vector4::new(340.0, 192.0, 0.0, 1.0)).amax() < 1e-9,
+            "{place}"
+        );
         let warning = calibration.skew_warning([820, 616]).expect("a warning");
         assert!(warning.contains("86.82 degrees apart"), "{warning}");
     }
@@ -269,10 +349,11 @@ mod tests {
         ));
         let mut skewed = Matrix4::new_scaling(0.1);
         skewed[(0, 1)] = 0.05;
-        assert!(matches!(
-            Calibration::new(&skewed, centre),
-            Err(CalibrationError::Skewed { .. })
-        ));
+        let error = Calibration::new(&skewed, centre).expect_err("skewed").to_string();
+        assert!(
+            error.contains("26.57 degrees off square; expected at most 5.73"),
+            "{error}"
+        );
         let fine = Matrix4::new_scaling(0.1);
         assert!(matches!(
             Calibration::new(&fine, [f64::NAN, 0.0]),

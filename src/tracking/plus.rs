@@ -1,5 +1,8 @@
 //! Device-set configurations of PLUS (XML): calibrations, and what images were made with.
 
+mod info;
+
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
@@ -8,7 +11,11 @@ use roxmltree::{Document, Node};
 use super::calibration::CalibrationError;
 use super::matrix::Rows;
 use super::probe::{ProbeKind, ProbeSpec};
+use super::sequence::{TrackedTransform, ends};
 use crate::read;
+use crate::text;
+
+pub use info::{CalibrationInfo, DefinedTransform, PlusInfo};
 
 /// Largest departure of a curved array's sector from symmetry, degrees; beyond it the field of view is not taken over.
 const LOPSIDED_DEG: f64 = 1.0;
@@ -39,9 +46,23 @@ impl PlusConfig {
     /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
     /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` wherever they stand.
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let text = read::text(path, read::XML).map_err(|source| CalibrationError::Read {
-            path: path.to_owned(),
+        let path_of = || path.to_owned();
+        let bytes = read::whole(path, read::XML).map_err(|source| CalibrationError::Read {
+            path: path_of(),
             source,
+        })?;
+        let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start();
+        if start.first() != Some(&b'<') {
+            let found = String::from_utf8_lossy(&start[..start.len().min(16)]);
+            let found = format!("\"{}\"", text::head(&found, 24));
+            return Err(CalibrationError::NoXml { path: path_of(), found });
+        }
+        let text = String::from_utf8(bytes).map_err(|error| CalibrationError::NoXml {
+            path: path_of(),
+            found: format!(
+                "text that is not UTF-8 from byte {} on",
+                error.utf8_error().valid_up_to()
+            ),
         })?;
         Self::parse(&text, path)
     }
@@ -119,6 +140,19 @@ impl PlusConfig {
             })
     }
 
+    /// The transforms that the file defines, by names such as `PhantomToReference`; those whose names would be read otherwise are
+    /// left out.
+    pub fn definitions(&self) -> BTreeMap<String, TrackedTransform> {
+        let named = self.transforms.iter().filter_map(|defined| {
+            let name = format!("{}To{}", defined.from, defined.to);
+            let readable = ends(&name) == Some((&defined.from, &defined.to));
+            let valid = defined.matrix.iter().all(|number| number.is_finite());
+            let matrix = defined.matrix;
+            (readable && valid).then_some((name, TrackedTransform { matrix, valid }))
+        });
+        named.collect()
+    }
+
     /// The pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from
     /// `TransducerCenterPixel`.
     pub fn array_centre_px(&self) -> Option<[f64; 2]> {
@@ -126,6 +160,18 @@ impl PlusConfig {
             Ok(matrix) => Some([matrix[(0, 3)], matrix[(1, 3)]]),
             Err(_) => self.centre_px,
         }
+    }
+
+    /// A warning where the file has two centres of the array more than a pixel apart.
+    pub fn two_centres(&self) -> Option<String> {
+        let ([a, b], [c, d]) = (self.array_centre_px()?, self.centre_px?);
+        let apart = (a - c).hypot(b - d) > 1.0;
+        apart.then(|| {
+            format!(
+                "`plus_config` has the centre of the array at pixel ({a}, {b}) by the transform between `Image` and \
+                 `TransducerOriginPixel`, which is taken, and at ({c}, {d}) by `TransducerCenterPixel`"
+            )
+        })
     }
 
     /// A guess at the pixel at the centre of a straight array, and its grounds: the middle of the upper edge of the clip
@@ -302,6 +348,11 @@ mod tests {
                 (count, centre),
                 "{name}"
             );
+            let told = plus.two_centres();
+            assert_eq!(told.is_some(), name.contains("3DSlicer"), "{told:?}");
+            if let Some(told) = told {
+                assert!(told.contains("(410, -5) by") && told.contains("(410, 0) by"), "{told}");
+            }
             let image = plus.transform("Image", "Probe").expect(name);
             let calibration = Calibration::new(&image, centre.unwrap_or([410.0, 0.0])).expect(name);
             let skewed = calibration.skew_warning([820, 616]);
@@ -362,6 +413,59 @@ mod tests {
             let expected: ProbeSpec = toml::from_str(table).expect(table);
             assert_eq!((plus.probe(), plus.image_size()), (&expected, size), "{name}");
         }
+    }
+
+    #[test]
+    fn configurations_are_summarised() {
+        let Some(path) = data("PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml") else {
+            return;
+        };
+        let info = PlusInfo::read(&path).expect("info");
+        let names: Vec<String> = info
+            .transforms
+            .iter()
+            .map(|t| format!("{}To{}", t.from, t.to))
+            .collect();
+        assert_eq!(
+            names,
+            ["NeedleTipToNeedle", "ImageToProbe", "ImageToTransducerOriginPixel"]
+        );
+        assert_eq!(
+            (info.image_size, info.array_centre_px),
+            (Some([820, 616]), Some([410.0, -5.0]))
+        );
+        assert_eq!(info.calibration.as_ref().map(|found| found.to.as_str()), Some("Probe"));
+        assert!(
+            info.warnings.iter().any(|told| told.contains("TransducerCenterPixel")),
+            "{:?}",
+            info.warnings
+        );
+        let text = info.to_string();
+        for part in [
+            "probe        kind = linear, width_mm = 40, depth_mm = 60, lines = 128",
+            "columns, rows and planes 0.0861, 0.0861 and 0.0861 mm, axes 9",
+            "ImageToProbe                  52.597, 35.918, 16.37",
+        ] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_xml_is_told() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.xml");
+        for (bytes, found) in [
+            (&b"ObjectType = Image\n"[..], "found \"ObjectType = Ima\""),
+            (&[0x1f, 0x8b, 8, 0], "expected a PLUS configuration (XML)"),
+            (b"", "found \"\""),
+            (b"<P a='\xff'/>", "not UTF-8 from byte 6 on"),
+        ] {
+            std::fs::write(&path, bytes).expect("file");
+            let error = PlusConfig::read(&path).expect_err(found);
+            assert!(error.to_string().contains(found) && !error.is_machine(), "{error}");
+        }
+        std::fs::write(&path, b"\xef\xbb\xbf <P/>").expect("file");
+        assert!(!matches!(PlusConfig::read(&path), Err(CalibrationError::NoXml { .. })));
     }
 
     #[test]

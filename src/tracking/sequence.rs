@@ -228,6 +228,21 @@ pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &s
     None
 }
 
+/// Recorded transforms with those that are defined elsewhere, where neither they nor their inverses are recorded.
+pub(crate) fn merged(
+    recorded: &BTreeMap<String, TrackedTransform>,
+    defined: &BTreeMap<String, TrackedTransform>,
+) -> BTreeMap<String, TrackedTransform> {
+    let mut all = recorded.clone();
+    for (name, transform) in defined {
+        let back = keys::ends(name).map(|(from, to)| format!("{to}To{from}"));
+        if back.is_none_or(|back| !recorded.contains_key(&back)) {
+            all.entry(name.clone()).or_insert(*transform);
+        }
+    }
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -265,6 +280,26 @@ mod tests {
             (matrix[(1, 3)] - 5.0).abs() < 1e-12 && matrix[(0, 3)].abs() < 1e-12,
             "{matrix}"
         );
+    }
+
+    #[test]
+    fn what_is_recorded_wins_over_what_is_defined() {
+        let map = |pairs: &[(&str, TrackedTransform)]| -> BTreeMap<String, TrackedTransform> {
+            pairs
+                .iter()
+                .map(|(name, transform)| ((*name).to_owned(), *transform))
+                .collect()
+        };
+        let recorded = map(&[("AToB", shift(1.0, false)), ("CToB", shift(2.0, true))]);
+        let defined = map(&[
+            ("AToB", shift(10.0, true)),
+            ("BToC", shift(20.0, true)),
+            ("DToC", shift(40.0, true)),
+        ]);
+        let all = merged(&recorded, &defined);
+        assert_eq!(all.len(), 3);
+        assert_eq!(chain(&all, "D", "B").map(|matrix| matrix[(0, 3)]), Some(42.0));
+        assert_eq!(chain(&all, "A", "B"), None);
     }
 
     fn write(text: &str, data: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {

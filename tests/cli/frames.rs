@@ -177,6 +177,17 @@ fn a_sequence_of_ours_moves_a_probe_again() {
         &again.replace("[motion.sequence]", "[motion]\nworld = \"ras\"\n[motion.sequence]"),
     );
     bench.run("render ras.toml --backend cpu -o ras.nrrd").text();
+    let simulated = format!("Simulated = insonify {} seed 3\n", env!("CARGO_PKG_VERSION"));
+    for (file, fields) in [
+        ("sweep.mha", ["WorldAxes = LPS\n", &simulated]),
+        ("ras.nrrd", ["WorldAxes:=RAS\n", &simulated.replace(" = ", ":=")]),
+    ] {
+        let bytes = std::fs::read(bench.path(file)).unwrap();
+        for field in fields {
+            let found = bytes.windows(field.len()).any(|window| window == field.as_bytes());
+            assert!(found, "{file}: {field}");
+        }
+    }
     let kept = Sequence::read(&bench.path("ras.nrrd")).unwrap();
     let foreign = &kept.frames[0].transforms["A_1ToB"];
     assert_eq!((foreign.valid, foreign.matrix[(2, 3)]), (false, 7.0));

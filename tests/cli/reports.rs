@@ -65,6 +65,43 @@ fn phantoms_are_written_and_described() {
 }
 
 #[test]
+fn a_configuration_is_described() {
+    let bench = Bench::new();
+    bench.write(
+        "plus.xml",
+        "<PlusConfiguration><ScanConversion TransducerName='L12' TransducerGeometry='LINEAR' TransducerWidthMm='30' \
+         ImagingDepthMm='25' OutputImageSizePixel='80 60' TransducerCenterPixel='40 2'/><CoordinateDefinitions>\
+         <Transform From='Image' To='Probe' Matrix='0.1 0 0 5 0 0.1 0 0 0 0 0.1 0 0 0 0 1'/></CoordinateDefinitions></PlusConfiguration>",
+    );
+    let info = bench.run("info plus.xml --json").json();
+    assert_eq!(
+        (&info["probe"]["width_mm"], &info["image_size"]),
+        (&json!(30.0), &json!([80, 60]))
+    );
+    assert_eq!(
+        (&info["array_centre_px"], &info["warnings"]),
+        (&json!([40.0, 2.0]), &json!([]))
+    );
+    assert_eq!(
+        info["calibration"],
+        json!({"to": "Probe", "lengths_mm": [0.1, 0.1, 0.1], "axes_apart_deg": 90.0})
+    );
+    assert_eq!(
+        (&info["transforms"][0]["from"], &info["transforms"][0]["matrix"][0][3]),
+        (&json!("Image"), &json!(5.0))
+    );
+    let text = bench.run("info plus.xml");
+    assert!(
+        text.text().contains("transducer   L12") && text.text().contains("ImageToProbe  5.000, 0.000, 0.000"),
+        "{text:?}"
+    );
+    bench.write("other.xml", "ObjectType = Image\n");
+    bench
+        .run("info other.xml")
+        .fails(2, &["other.xml", "expected a PLUS configuration (XML)"]);
+}
+
+#[test]
 fn the_default_scene_can_be_edited_and_rendered() {
     let bench = Bench::new();
     let text = bench.run("scene").text().to_owned();

@@ -163,7 +163,11 @@ fn invalid_frames_of_a_recording_are_counted() {
     let error = fault(&small(&format!(
         "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToTracker\""
     )));
-    assert!(error.to_string().contains("none of"), "{error}");
+    assert_eq!(error.key(), Some("motion.sequence.transform"));
+    assert!(
+        error.to_string().contains("`StylusToTracker`: none of 97 frames"),
+        "{error}"
+    );
     let error = fault(&small(&format!(
         "[motion.sequence]\nfile = {file:?}\ntransform = \"StylusToReference\""
     )));
@@ -194,9 +198,19 @@ const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' Tr
 
 /// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
 fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify::scene::Scene, insonify::scene::SceneError> {
+    recorded_as([TRACKED, CONFIG], motion, sequence, more)
+}
+
+/// As [`recorded`], of another recording and configuration.
+fn recorded_as(
+    [tracked, config]: [&str; 2],
+    motion: &str,
+    sequence: &str,
+    more: &str,
+) -> Result<insonify::scene::Scene, insonify::scene::SceneError> {
     let folder = tempfile::tempdir().expect("folder");
-    std::fs::write(folder.path().join("a.mha"), [TRACKED.as_bytes(), &[0; 2400]].concat()).expect("file");
-    std::fs::write(folder.path().join("plus.xml"), CONFIG).expect("file");
+    std::fs::write(folder.path().join("a.mha"), [tracked.as_bytes(), &[0; 2400]].concat()).expect("file");
+    std::fs::write(folder.path().join("plus.xml"), config).expect("file");
     let header = "ObjectType = Image\nNDims = 3\nDimSize = 20 20 20\nElementSpacing = 5 5 5\nOffset = 0 0 -50\nElementType = \
                   MET_UCHAR\nElementDataFile = LOCAL\n";
     std::fs::write(folder.path().join("cube.mha"), [header.as_bytes(), &[1; 8000]].concat()).expect("file");
@@ -235,7 +249,8 @@ fn poses_in_ras_are_turned_and_offered() {
     let black = recorded("", "", linear).expect("scene");
     let hint = [
         "in 2 of 2 poses",
-        "Read as RAS it sees the volume in 2",
+        "In the first of them the centre of the array is at (-20, -70, 0) mm and the volume spans (-3, -3, -53) to (98, 98, 48)",
+        "mm (LPS): 70 mm apart. Read as RAS it sees the volume in 2",
         "add `world = \"ras\"` under [motion]",
     ];
     assert!(says(&black.warnings, &hint), "{:?}", black.warnings);
@@ -336,6 +351,13 @@ fn a_configuration_fills_in_the_probe() {
 fn frames_lie_on_the_recorded_grid() {
     let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
+    assert!(!says(&scene.warnings, &["apart"]), "{:?}", scene.warnings);
+    let stated = scene.file.image.expect("image");
+    assert_eq!((stated.width, stated.height), (40, 30));
+    let again = "[image]\ngrid = \"recorded\"\nwidth = 40\nheight = 30";
+    recorded("", "plus_config = \"plus.xml\"", again).expect("the size in use");
+    let tilted = ["87.14 degrees apart", "pixels stay", "tilted by 1.43 degrees"];
+    assert!(says(&scene.notes, &tilted), "{:?}", scene.notes);
     let frame = crate::support::render(&scene, &mut crate::support::synthesizer(&scene), 1, 2);
     assert_eq!((frame.width, frame.height), (40, 30));
     for [column, row] in [[0.0, 0.0], [39.0, 0.0], [20.0, 2.0], [7.0, 29.0]] {
@@ -351,6 +373,182 @@ fn frames_lie_on_the_recorded_grid() {
     assert!(bare.contains("no calibrated images"), "{bare}");
     let sized = error("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"\nwidth = 30");
     assert!(sized.contains("has its own size"), "{sized}");
+}
+
+#[test]
+fn frames_without_a_pose_are_listed() {
+    let status = "Seq_Frame0001_ProbeToTrackerTransformStatus = ";
+    let tracked = TRACKED.replace(&format!("{status}OK"), &format!("{status}INVALID"));
+    let scene = recorded_as([&tracked, CONFIG], "", "", "").expect("scene");
+    assert_eq!(scene.frames(), 1);
+    let told = "1 of 2 frames skipped (1); frame 1: the tracker marked its transform invalid";
+    assert!(says(&scene.warnings, &[told]), "{:?}", scene.warnings);
+    let gone = TRACKED.replace("Status = OK", "Status = INVALID");
+    let error = recorded_as([&gone, CONFIG], "", "", "").expect_err("no pose");
+    assert_eq!(error.key(), Some("motion.sequence.transform"));
+    assert!(
+        error
+            .to_string()
+            .contains("`ProbeToTracker`: none of 2 frames has a valid pose"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_needle_is_read_in_the_axes_of_the_motion() {
+    let needle = |world: &str| {
+        format!("[needle]\n{world}[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"ProbeToTracker\"")
+    };
+    let tip = |scene: &insonify::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let inherited = recorded("world = \"ras\"", "", &needle("")).expect("scene");
+    assert_eq!(tip(&inherited), Point3::new(20.0, 70.0, 0.0));
+    assert!(
+        says(&inherited.notes, &["needle is read as RAS, as [motion] states"]),
+        "{:?}",
+        inherited.notes
+    );
+    assert!(!says(&inherited.notes, &["taken as LPS"]), "{:?}", inherited.notes);
+    assert!(
+        !says(&inherited.warnings, &["it is not seen"]),
+        "{:?}",
+        inherited.warnings
+    );
+    let stated = recorded("world = \"ras\"", "", &needle("world = \"lps\"\n")).expect("scene");
+    assert_eq!(tip(&stated), Point3::new(-20.0, -70.0, 0.0));
+    assert!(!says(&stated.notes, &["needle is read"]), "{:?}", stated.notes);
+    let away = "tip_to_marker = \"1 0 0 0  0 1 0 0  0 0 1 -20  0 0 0 1\"";
+    let aloof = recorded("", "", &format!("{}\n{away}", needle(""))).expect("scene");
+    assert!(
+        says(
+            &aloof.warnings,
+            &["in none of 2 frames nearer than 20.0 mm to the imaging plane"]
+        ),
+        "{:?}",
+        aloof.warnings
+    );
+}
+
+#[test]
+fn transforms_of_the_configuration_are_part_of_the_chain() {
+    let more = "<Transform From='Phantom' To='Tracker' Matrix='1 0 0 100 0 1 0 0 0 0 1 0 0 0 0 1'/>\
+        <Transform From='Probe' To='Tracker' Matrix='1 0 0 999 0 1 0 0 0 0 1 0 0 0 0 1'/>\
+        <Transform From='NeedleTip' To='Probe' Matrix='1 0 0 0 0 1 0 3 0 0 1 0 0 0 0 1'/></CoordinateDefinitions>";
+    let config = CONFIG.replace("</CoordinateDefinitions>", more);
+    let plus = "plus_config = \"plus.xml\"\ntransform = \"ProbeToPhantom\"";
+    let of = |sequence: &str, more: &str| recorded_as([TRACKED, &config], "", sequence, more);
+    let scene = of(plus, "").expect("scene");
+    let plain = of("plus_config = \"plus.xml\"", "").expect("scene");
+    let moved = scene.probe_pose(0, 2).position_mm() - plain.probe_pose(0, 2).position_mm();
+    assert!((moved - Vector3::new(-100.0, 0.0, 0.0)).norm() < 1e-9, "{moved}");
+    let told = ["`ProbeToPhantom` does not follow from the recording alone"];
+    assert!(
+        says(&scene.notes, &told) && !says(&plain.notes, &["alone"]),
+        "{:?}",
+        scene.notes
+    );
+    let tip = |scene: &insonify::scene::Scene| scene.needle_pose(0, 2).expect("needle").tip_mm();
+    let needle = "[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"NeedleTipToTracker\"";
+    let shared = of("plus_config = \"plus.xml\"", needle).expect("scene");
+    assert!((tip(&shared) - Point3::new(-20.0, -67.0, 0.0)).norm() < 1e-9);
+    let own = of("", &format!("{needle}\nplus_config = \"plus.xml\"")).expect("scene");
+    assert_eq!(tip(&own), tip(&shared));
+    let error = of("", needle).expect_err("no definitions");
+    assert_eq!(error.key(), Some("needle.motion.sequence.transform"));
+    let error = of("transform = \"ProbeToPhantom\"", "").expect_err("no definitions");
+    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
+    assert_ne!(help.as_deref(), Some("did you mean \"ProbeToProbe\"?"));
+    let error = of(&plus.replace("ToPhantom", "ToFantom"), "").expect_err("misspelt");
+    assert!(
+        error
+            .to_string()
+            .contains("`plus_config` defines ImageToProbe, NeedleTipToProbe, PhantomToTracker"),
+        "{error}"
+    );
+    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
+    assert_eq!(help.as_deref(), Some("did you mean \"ProbeToPhantom\"?"));
+}
+
+/// The place of a pixel of the first frame in the world.
+fn pixel_mm(scene: &insonify::scene::Scene, column: f64, row: f64) -> Point3<f64> {
+    let grid = scene.settings.image.placed.as_ref().expect("the recorded grid");
+    let place = scene.probe_pose(0, scene.frames()).probe_to_world() * grid.image_to_probe();
+    place.transform_point(&Point3::new(column, row, 0.0))
+}
+
+#[test]
+fn cropped_recordings_lie_where_their_pixels_were() {
+    let timestamp = "Seq_Frame0001_Timestamp";
+    let crops = |first: &str, second: &str| {
+        let keys = [(0, first), (1, second)].map(|(frame, crop)| {
+            format!("Seq_Frame000{frame}_ImageToCroppedImageTransform = {crop}\nSeq_Frame000{frame}_ImageToCroppedImageTransformStatus = OK\n")
+        });
+        TRACKED.replace(timestamp, &format!("{}{timestamp}", keys.concat()))
+    };
+    let shift = "1 0 0 -5 0 1 0 -3 0 0 1 0 0 0 0 1";
+    let config = CONFIG.replace("<ScanConversion", "<ScanConversion OutputImageSizePixel='80 60'");
+    let (plus, grid) = ("plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"");
+    let tracked = crops(shift, shift);
+    let scene = recorded_as([&tracked, &config], "", plus, grid).expect("scene");
+    let whole = recorded("", plus, grid).expect("scene");
+    assert!((pixel_mm(&scene, 2.0, 4.0) - pixel_mm(&whole, 7.0, 7.0)).norm() < 1e-9);
+    assert_eq!(scene.probe_pose(0, 2), whole.probe_pose(0, 2));
+    assert!(
+        says(&scene.notes, &["cropped", "pixel (0, 0) is pixel (5, 3)"]),
+        "{:?}",
+        scene.notes
+    );
+    assert!(!says(&scene.warnings, &["other images"]), "{:?}", scene.warnings);
+    assert!(
+        scene
+            .recorded(0, 2)
+            .expect("recorded")
+            .transforms
+            .contains_key("ImageToCroppedImage")
+    );
+    let fitted = recorded_as([&tracked, &config], "", plus, "").expect("scene");
+    assert!(
+        !fitted
+            .recorded(0, 2)
+            .expect("recorded")
+            .transforms
+            .contains_key("ImageToCroppedImage")
+    );
+    let turned = "0 1 0 -5 -1 0 0 -3 0 0 1 0 0 0 0 1";
+    for (first, second, found) in [
+        (
+            shift,
+            "1 0 0 -6 0 1 0 -3 0 0 1 0 0 0 0 1",
+            "is not in frame 1 what it is in frame 0",
+        ),
+        (turned, turned, "`ImageToCroppedImage` that is [["),
+        (shift, "what", "is invalid in frame 1"),
+    ] {
+        let error = recorded_as([&crops(first, second), &config], "", plus, grid).expect_err(found);
+        assert_eq!(error.key(), Some("motion.sequence.file"));
+        assert!(error.to_string().contains(found), "{error}");
+    }
+}
+
+#[test]
+fn a_real_cropped_recording_lies_where_its_pixels_were() {
+    let (Some(file), Some(config)) = (
+        data("tracked/NwirePhantomFreehandCropped.igs.mha"),
+        data("config/PlusDeviceSet_NwirePhantomFreehand_vtkVolumeReconstructorTest2.xml"),
+    ) else {
+        return;
+    };
+    let scene = resolve(&small(&format!(
+        "[motion.sequence]\nfile = {file:?}\nplus_config = {config:?}\narray_centre_px = [414.5, 62]\n[image]\ngrid = \"recorded\""
+    )))
+    .unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((scene.settings.image.width, scene.settings.image.height), (200, 150));
+    let image = insonify::tracking::plus::PlusConfig::read(&config)
+        .and_then(|config| config.transform("Image", "Probe"))
+        .expect("calibration");
+    let probe = scene.recorded(0, scene.frames()).expect("recorded").transforms["ProbeToTracker"].matrix;
+    let expected = (probe * image).transform_point(&Point3::new(335.0, 285.0, 0.0));
+    let found = pixel_mm(&scene, 0.0, 0.0);
+    assert!((found - expected).norm() < 0.05, "{found} {expected}");
 }
 
 #[test]

@@ -70,6 +70,11 @@ impl<'a> Output<'a> {
                 masks.push(SequenceWriter::create_layer(&path, size.width, size.height)?);
             }
         }
+        let synthetic = format!("insonify {} seed {}", env!("CARGO_PKG_VERSION"), scene.settings.seed);
+        for sequence in images.iter_mut().chain(&mut masks) {
+            sequence.field("WorldAxes", &scene.motion_world().to_string());
+            sequence.field("Simulated", &synthetic);
+        }
         Ok(Self {
             target,
             extras: extras.clone(),

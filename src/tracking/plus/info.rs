@@ -1,0 +1,166 @@
+//! What a configuration of PLUS yields, for people and for scripts.
+
+use std::fmt;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::PlusConfig;
+use crate::text;
+use crate::tracking::calibration::{Calibration, CalibrationError};
+use crate::tracking::matrix::Rows;
+use crate::tracking::probe::ProbeSpec;
+
+/// A summary of a device-set configuration of PLUS.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PlusInfo {
+    /// The file it came from, as it was named.
+    pub file: String,
+    /// Name of the transducer.
+    pub transducer: Option<String>,
+    /// The keys of a probe table that it states.
+    pub probe: ProbeSpec,
+    /// Columns and rows of the images.
+    pub image_size: Option<[usize; 2]>,
+    /// Width and height of a pixel as stated, mm.
+    pub pixel_mm: Option<[f64; 2]>,
+    /// Column and row of the pixel at the centre of the array.
+    pub array_centre_px: Option<[f64; 2]>,
+    /// The calibration of the images.
+    pub calibration: Option<CalibrationInfo>,
+    /// The coordinate definitions, in order.
+    pub transforms: Vec<DefinedTransform>,
+    /// Contradictions, and what a scene has to state besides.
+    pub warnings: Vec<String>,
+}
+
+/// The calibration of a [`PlusInfo`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CalibrationInfo {
+    /// The frame of the marker that `Image` is calibrated to.
+    pub to: String,
+    /// Lengths of the columns of its matrix, mm: a pixel's width, its height, and the distance of planes.
+    pub lengths_mm: [f64; 3],
+    /// Angle between the image axes, degrees.
+    pub axes_apart_deg: f64,
+}
+
+/// A coordinate definition of a [`PlusInfo`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DefinedTransform {
+    /// The frame to come from.
+    pub from: String,
+    /// The frame to go to.
+    pub to: String,
+    /// On column vectors, mm.
+    pub matrix: Rows,
+}
+
+impl PlusInfo {
+    /// Reads a configuration and summarises it.
+    ///
+    /// # Errors
+    /// As [`PlusConfig::read`].
+    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
+        let plus = PlusConfig::read(path)?;
+        let (size, centre) = (plus.image_size, plus.array_centre_px());
+        let mut warnings: Vec<String> = plus.two_centres().into_iter().collect();
+        let images = plus.transforms.iter().filter(|defined| defined.from == "Image");
+        let mut markers = images.map(|defined| defined.to.as_str());
+        let marker = markers.clone().find(|to| *to == "Probe");
+        let marker = marker.or_else(|| markers.find(|to| *to != "TransducerOriginPixel"));
+        let mut calibration = None;
+        if let Some(to) = marker {
+            match Calibration::new(&plus.transform("Image", to)?, centre.unwrap_or_default()) {
+                Ok(found) => {
+                    let stated = plus.pixel_mm.and_then(|stated| found.other_pixels(stated));
+                    let far = centre.and(size).and_then(|size| found.far_centre(size));
+                    let skewed = found.skew_warning(size.unwrap_or([640, 480]));
+                    warnings.extend([stated, far, skewed].into_iter().flatten());
+                    calibration = Some(CalibrationInfo {
+                        to: to.to_owned(),
+                        lengths_mm: found.lengths_mm(),
+                        axes_apart_deg: found.axes_apart_deg(),
+                    });
+                }
+                Err(error) => warnings.push(error.to_string()),
+            }
+        }
+        if calibration.is_some() && centre.is_none() {
+            warnings.push("no centre of the array: a scene has to state `array_centre_px`".to_owned());
+        }
+        if calibration.is_none() && plus.transforms.is_empty() && plus.probe == ProbeSpec::default() {
+            warnings.push(
+                "nothing here describes coordinates or a transducer: is this a configuration of PLUS?".to_owned(),
+            );
+        }
+        let transforms = plus.transforms.into_iter().map(|defined| DefinedTransform {
+            from: defined.from,
+            to: defined.to,
+            matrix: Rows(defined.matrix),
+        });
+        Ok(Self {
+            file: path.display().to_string(),
+            transducer: plus.transducer,
+            probe: plus.probe,
+            image_size: size,
+            pixel_mm: plus.pixel_mm,
+            array_centre_px: centre,
+            calibration,
+            transforms: transforms.collect(),
+            warnings,
+        })
+    }
+}
+
+impl fmt::Display for PlusInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let stated = |text: Option<String>| text.unwrap_or_else(|| "not stated".to_owned());
+        let name = self
+            .transducer
+            .as_deref()
+            .map(|name| text::head(name, text::WIDEST_NAME));
+        let (_, keys) = ProbeSpec::default().filled_from(&self.probe);
+        let keys = (!keys.is_empty()).then(|| keys.join(", "));
+        let size = self
+            .image_size
+            .map(|[width, height]| format!("{width} x {height} pixels"));
+        let pixel = self.pixel_mm.map(|[width, height]| format!("{width} x {height} mm"));
+        let centre = self
+            .array_centre_px
+            .map(|[column, row]| format!("centre at pixel ({column}, {row})"));
+        writeln!(f, "file         {}", self.file)?;
+        writeln!(f, "transducer   {}", stated(name))?;
+        writeln!(f, "probe        {}", stated(keys))?;
+        writeln!(f, "images       {}", stated(size))?;
+        writeln!(f, "pixels       {}", stated(pixel))?;
+        writeln!(f, "array        {}", stated(centre))?;
+        let calibration = self.calibration.as_ref().map(|found| {
+            let [columns, rows, planes] = found.lengths_mm;
+            let to = text::head(&found.to, text::WIDEST_NAME);
+            format!(
+                "Image to {to}: columns, rows and planes {columns:.4}, {rows:.4} and {planes:.4} mm, axes {:.2} degrees apart",
+                found.axes_apart_deg
+            )
+        });
+        writeln!(f, "calibration  {}", stated(calibration))?;
+        let names: Vec<String> = self
+            .transforms
+            .iter()
+            .map(|t| format!("{}To{}", t.from, t.to))
+            .collect();
+        let cells = text::column("transform", names.iter().map(String::as_str));
+        let origins = self.transforms.iter().map(|transform| {
+            let [x, y, z] = [0, 1, 2].map(|row| transform.matrix.0[(row, 3)]);
+            format!("{x:.3}, {y:.3}, {z:.3}")
+        });
+        writeln!(f)?;
+        for (cell, origin) in cells.iter().zip(std::iter::once("origin".to_owned()).chain(origins)) {
+            writeln!(f, "{cell}  {origin}")?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "\nwarning: {warning}")?;
+        }
+        Ok(())
+    }
+}
