@@ -2,8 +2,10 @@
 
 use super::{Naming, Segmentation};
 use crate::document::plain;
-use crate::tissue::{Preset, without_side};
+use crate::text::some_of;
+use crate::tissue::{Preset, totalsegmentator, without_side};
 use crate::volume::LabelVolume;
+use crate::volume::complete::has_body_values;
 
 /// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs
 /// with what is in them), by its name without a side.
@@ -141,18 +143,30 @@ impl Segmentation {
         fit
     }
 
+    /// The organ of a label by its value. Those of a body, which TotalSegmentator does not have, count only in a file that has one.
+    fn organ(&self, preset: Preset, index: usize) -> Option<&'static str> {
+        let value = self.volume.labels()[index].value;
+        let of_body = totalsegmentator::body().iter().any(|class| class.value == value);
+        preset
+            .organ(value)
+            .filter(|_| !of_body || has_body_values(&self.volume))
+    }
+
     /// The names of labels by a numbering that knows them all.
     fn organs(&self, preset: Preset, nameless: &[usize]) -> Option<Vec<(usize, String)>> {
-        let organ = |&index: &usize| Some((index, preset.organ(self.volume.labels()[index].value)?.to_owned()));
+        let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
         nameless.iter().map(organ).collect()
     }
 
     /// Names the labels without names by their values, in the numbering that fits them.
     pub(super) fn read_values(&mut self, naming: &Naming, sizes: &Sizes) {
-        let nameless: Vec<usize> = self.nameless(naming).collect();
+        let all: Vec<usize> = self.nameless(naming).collect();
         if naming.preset != Preset::Auto {
-            return self.read_as(naming.preset, &nameless);
+            return self.read_as(naming.preset, &all);
         }
+        // A few values that no numbering has do not keep the others from theirs, where these are beyond doubt.
+        let numbered = |index: &usize| self.organ(Preset::TotalSegmentator, *index).is_some();
+        let nameless: Vec<usize> = all.iter().copied().filter(numbered).collect();
         let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
         if nameless.is_empty() || only_mask {
             return;
@@ -183,6 +197,7 @@ impl Segmentation {
             _ if fit.odd.is_empty() && fit.sound >= ENOUGH && others().all(|(.., same)| same == names) => {
                 self.notes.push(format!("{by} {title}"));
             }
+            _ if nameless.len() < all.len() => return,
             _ => {
                 let shown = |(index, name): &(usize, String)| format!("{} {name}", self.volume.labels()[*index].value);
                 let some: Vec<String> = names.iter().take(4).map(shown).collect();
@@ -198,21 +213,35 @@ impl Segmentation {
                 ));
             }
         }
-        self.read_as(preset, &nameless);
+        self.read_as(preset, &all);
     }
 
+    /// Names labels by the values of a numbering, with a warning of those that it does not have.
     fn read_as(&mut self, preset: Preset, nameless: &[usize]) {
-        let mut values = Vec::new();
-        for &index in nameless {
+        let organs: Vec<_> = nameless.iter().map(|index| self.organ(preset, *index)).collect();
+        let (mut values, mut strange) = (Vec::new(), Vec::new());
+        for (&index, organ) in nameless.iter().zip(organs) {
             let value = self.volume.labels()[index].value;
-            if let Some(organ) = preset.organ(value) {
-                self.volume.name(index, organ.to_owned());
-                values.push(value);
+            match organ {
+                Some(organ) => {
+                    self.volume.name(index, organ.to_owned());
+                    values.push(value);
+                }
+                None => {
+                    let ml = self.volume.labels()[index].voxels as f64 * self.volume.voxel_mm3() / 1000.0;
+                    strange.push(format!("{value} ({ml:.2} ml)"));
+                }
             }
         }
-        if !values.is_empty() {
-            self.by_value = Some((preset, values));
+        if values.is_empty() {
+            return;
         }
+        if !strange.is_empty() {
+            let (title, plural) = (preset.title(), if strange.len() == 1 { "" } else { "s" });
+            self.warnings
+                .push(format!("{title} has no label{plural} {}", some_of(&strange)));
+        }
+        self.by_value = Some((preset, values));
     }
 
     /// A warning where labels cannot be what their names say.

@@ -298,6 +298,47 @@ fn the_numbering_is_the_one_that_fits_the_volumes() {
 }
 
 #[test]
+fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
+    let read = |labels: &[(i64, usize)], preset: Preset| {
+        let mut segmentation = Segmentation::from(organs(labels));
+        let sizes = Sizes::of(&segmentation.volume);
+        let naming = Naming {
+            preset,
+            ..Naming::default()
+        };
+        segmentation.read_values(&naming, &sizes);
+        segmentation
+    };
+    // A right kidney under a value of this program's own bodies, which TotalSegmentator does not have.
+    let strange = [(1, 200), (3, 160), (5, 1178), (6, 300), (200, 150)];
+    for preset in [Preset::Auto, Preset::TotalSegmentator] {
+        let found = read(&strange, preset);
+        assert_eq!((names(&found)[2], names(&found)[4]), ((5, "liver"), (200, "-")));
+        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+        let info = Info::new(&found, Path::new("a.nrrd"));
+        let label = &info.labels[5];
+        assert_eq!(
+            (label.tissue.as_str(), label.from.as_str()),
+            ("soft_tissue", "fallback")
+        );
+    }
+    assert_eq!(names(&read(&[(5, 1178), (200, 150)], Preset::Auto))[0], (5, "-"));
+    let body = [
+        (1, 200),
+        (3, 160),
+        (5, 1178),
+        (201, 900),
+        (202, 900),
+        (204, 200),
+        (205, 300),
+    ];
+    let found = read(&body, Preset::Auto);
+    let expected = [(201, "fat"), (202, "soft_tissue"), (204, "skin"), (205, "muscle")];
+    assert_eq!(names(&found)[3..], expected);
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+}
+
+#[test]
 fn weak_evidence_keeps_the_reading_and_warns() {
     let folder = Folder::new();
     let small = opened(&folder.save("scan.nrrd", &organs(&[(5, 13), (6, 1178)])));

@@ -31,8 +31,10 @@ const BODY_NAMES: [&str; 8] = [
     "phantom_bottom",
     "phantom_inclusion",
 ];
-/// Values that mark an explicit body where labels have no names: gas, fat, soft tissue, dense tissue, skin.
-const BODY_VALUES: std::ops::RangeInclusive<i64> = 200..=204;
+/// Values of fat, soft tissue and skin, which mark an explicit body where labels have no names.
+const BODY_VALUES: [i64; 3] = [201, 202, 204];
+/// Least share of the labelled voxels that the three have in a body.
+const BODY_SHARE: f64 = 1.0 / 3.0;
 
 /// What unlabelled voxels are taken for.
 #[derive(
@@ -126,12 +128,22 @@ pub enum CompletionError {
     Volume(#[from] InvalidVolume),
 }
 
-/// Whether a volume carries a body of its own: labels named skin, fat or body, or unnamed ones valued 200 to 204.
+/// True for a volume that carries a body of its own: labels named skin, fat or body, or those of [`has_body_values`].
 pub fn has_body(volume: &LabelVolume) -> bool {
-    volume.labels().iter().skip(1).any(|label| match &label.name {
-        Some(name) => is_body(name),
-        None => BODY_VALUES.contains(&label.value),
-    })
+    let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
+    names.any(is_body) || has_body_values(volume)
+}
+
+/// True where labels without names are a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have
+/// a third of the labelled voxels. Values of which that is not true are of something else.
+pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
+    let voxels = |value: i64| {
+        let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
+        volume.labels().iter().find(own).map(|label| label.voxels)
+    };
+    let body: Option<u64> = BODY_VALUES.into_iter().map(voxels).sum();
+    let labelled: u64 = volume.labels().iter().skip(1).map(|label| label.voxels).sum();
+    body.is_some_and(|body| body as f64 >= BODY_SHARE * labelled as f64)
 }
 
 /// True for a name that only volumes with an explicit body carry.

@@ -158,7 +158,6 @@ fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
 fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
     let plain = trunk([4.0; 3]);
     for named in [
-        label(204, None),
         label(3, Some("Subcutaneous fat")),
         label(3, Some("skin")),
         label(1, Some("phantom_top")),
@@ -170,6 +169,16 @@ fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
         assert_eq!(done.filled, Filled::default());
         assert_eq!(done.volume.voxels(), volume.voxels());
     }
+    let by_value = |values: [i64; 3]| {
+        let row = values.map(|value| Label {
+            voxels: 9,
+            ..label(value, None)
+        });
+        let labels = plain.labels().iter().cloned().chain(row).collect();
+        LabelVolume::new(plain.size(), plain.voxels().to_vec(), labels, *plain.index_to_world()).unwrap()
+    };
+    assert!(has_body(&by_value([201, 202, 204])));
+    assert!(!has_body(&by_value([200, 203, 204])) && !has_body(&by_value([1, 2, 200])));
     let empty = LabelVolume::new([4, 4, 4], vec![0; 64], vec![label(0, None)], Matrix4::identity()).unwrap();
     assert_eq!(run(&empty).filled, Filled::default());
     let mut thin = *plain.index_to_world();
