@@ -394,6 +394,23 @@ fn what_the_edge_of_the_scan_cuts_may_be_small() {
 }
 
 #[test]
+fn volumes_are_questioned_wherever_names_are_from() {
+    let folder = Folder::new();
+    let file = folder.save("scan.nrrd", &organs(&[(1, 1126), (2, 13), (3, 160)]));
+    let table = "value,name\n1,inferior vena cava\n2,Liver\n3,kidney_left\n";
+    let naming = Naming {
+        names: Some(Names::read(&folder.write("names.csv", table)).unwrap()),
+        ..Naming::default()
+    };
+    folder.write("scan.csv", table);
+    for found in [open(&file, &naming).unwrap(), opened(&file)] {
+        let expected = "label 1 (inferior vena cava) has 1126.00 ml, expected 0.0 to 954 ml, label 2 (Liver) has 13.00 ml, expected \
+                        43.3 to 10800 ml: check names, voxel spacing and orientation";
+        assert_eq!(found.warnings, [expected]);
+    }
+}
+
+#[test]
 fn sides_that_are_exchanged_are_questioned() {
     let named = |right: usize, left: usize| {
         let mut volume = organs(&[(1, 150), (2, 160)]);
