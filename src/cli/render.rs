@@ -78,6 +78,7 @@ struct Report {
     passes: Vec<PassReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Picked>,
+    notes: Vec<String>,
     warnings: Vec<String>,
 }
 
@@ -187,6 +188,7 @@ impl Render {
             frames,
             passes,
             quality: None,
+            notes: scene.notes.clone(),
             warnings,
         };
         Ok(report)

@@ -105,6 +105,7 @@ fn names_come_from_a_table_and_are_shown() {
         "cyst ?",
         "soft_tissue ?",
         "fallback",
+        "warning: no tissue known for label 1 (\"thing\"); taken as soft_tissue",
         "note: labels are named by names.csv",
     ] {
         assert!(info.contains(line), "no {line:?} in {info}");
