@@ -174,6 +174,23 @@ fn folders_that_are_no_segmentation_are_refused() {
     folder.row("b.nii", [0, 7, 3, 0], 1.0);
     let message = refused(folder.0.path());
     assert!(message.contains("b.nii, voxels: found values 3 and 7"), "{message}");
+    let grey = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 1 1 1\nspacings: 1 1 1\nencoding: ascii\n\n0.5\n";
+    fs::write(folder.path("b.nrrd"), grey).unwrap();
+    fs::remove_file(folder.path("b.nii")).unwrap();
+    let message = refused(folder.0.path());
+    assert!(
+        message.contains("b.nrrd, voxels: found the value 0.5")
+            && message.contains("such as the CT, out of the folder"),
+        "{message}"
+    );
+    fs::remove_file(folder.path("b.nrrd")).unwrap();
+    let image = folder.row("ct.nii.gz", [1, 2, 3, 4], 1.0);
+    let message = refused(folder.0.path());
+    assert!(
+        message.contains("ct.nii.gz, voxels: found an image, by its name"),
+        "{message}"
+    );
+    fs::remove_file(image).unwrap();
     folder.row("b.nii", [0, 7, 7, 0], 1.5);
     let message = refused(folder.0.path());
     assert!(
@@ -191,6 +208,22 @@ fn folders_that_are_no_segmentation_are_refused() {
     );
     folder.row("a.mha", [0, 1, 0, 1], 1.0);
     assert!(refused(folder.0.path()).contains("a.mha and a.nii"));
+}
+
+#[test]
+fn the_folder_of_masks_in_a_folder_is_told() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("segmentations")).unwrap();
+    assert!(!refused(folder.0.path()).contains("give that folder"));
+    folder.row("segmentations/liver.nii.gz", [0, 1, 1, 0], 1.0);
+    for _ in 0..2 {
+        let message = refused(folder.0.path());
+        assert!(
+            message.contains("found no mask") && message.contains("segmentations: give that folder"),
+            "{message}"
+        );
+        folder.row("ct.nii.gz", [1, 2, 3, 4], 1.0);
+    }
 }
 
 #[test]
@@ -217,6 +250,17 @@ fn tables_beside_a_file_or_given_name_its_labels() {
     assert_eq!(names(&open(&file, &naming(&snap)).unwrap())[0], (40, "right lung"));
     let slicer = folder.write("slicer.csv", "LabelValue;Name;Color_R\n41;aorta;9\n");
     assert_eq!(names(&open(&file, &naming(&slicer)).unwrap())[1], (41, "aorta"));
+    for text in [
+        "# mine\n40,liver\n 42 , right kidney\n",
+        "40;liver;1\n42;right kidney;2\n",
+    ] {
+        let headless = open(&file, &naming(&folder.write("headless.csv", text))).unwrap();
+        assert_eq!(
+            names(&headless),
+            [(40, "liver"), (41, "-"), (42, "right kidney")],
+            "{text}"
+        );
+    }
 
     folder.write("scan.csv", "time,force\n1,2\n");
     let unused = opened(&file);
@@ -235,6 +279,8 @@ fn tables_that_are_wrong_are_refused_with_their_line() {
         ("", ["line 1", "columns"]),
         ("1 liver\n2.5 spleen\n", ["line 2", "2.5"]),
         ("1\n", ["line 1", "no name"]),
+        ("1,liver\n2,\n", ["line 2", "no name"]),
+        ("1,liver\nvalue,name\n", ["line 2", "\"value\""]),
     ] {
         let message = Names::read(&folder.write("names.csv", text)).unwrap_err().to_string();
         assert!(
