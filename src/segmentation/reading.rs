@@ -170,12 +170,15 @@ impl Segmentation {
         if naming.preset != Preset::Auto {
             return self.read_as(naming.preset, &all);
         }
-        // A few values that no numbering has do not keep the others from theirs, where these are beyond doubt.
+        // Values that no numbering has do not keep the others from theirs, where organs of these are credible.
         let numbered = |index: &usize| self.organ(Preset::TotalSegmentator, *index).is_some();
-        let nameless: Vec<usize> = all.iter().copied().filter(numbered).collect();
+        let (nameless, strange): (Vec<usize>, Vec<usize>) = all.iter().partition(|index| numbered(index));
         let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
-        if nameless.is_empty() || only_mask {
+        if only_mask {
             return;
+        }
+        if nameless.is_empty() {
+            return self.read_as(Preset::TotalSegmentator, &strange);
         }
         let fits = Preset::NUMBERINGS.map(|preset| {
             let names = self.organs(preset, &nameless)?;
@@ -203,7 +206,7 @@ impl Segmentation {
             _ if fit.odd.is_empty() && fit.sound >= ENOUGH && others().all(|(.., same)| same == names) => {
                 self.notes.push(format!("{by} {title}"));
             }
-            _ if nameless.len() < all.len() => return,
+            _ if !strange.is_empty() && fit.sound < ENOUGH => return self.read_as(*usual, &strange),
             _ => {
                 let shown = |(index, name): &(usize, String)| format!("{} {name}", self.volume.labels()[*index].value);
                 let some: Vec<String> = names.iter().take(4).map(shown).collect();
@@ -239,15 +242,14 @@ impl Segmentation {
                 }
             }
         }
-        if values.is_empty() {
-            return;
-        }
-        if !strange.is_empty() {
+        if !strange.is_empty() && Preset::NUMBERINGS.contains(&preset) {
             let (title, plural) = (preset.title(), if strange.len() == 1 { "" } else { "s" });
             self.warnings
                 .push(format!("{title} has no label{plural} {}", some_of(&strange)));
         }
-        self.by_value = Some((preset, values));
+        if !values.is_empty() {
+            self.by_value = Some((preset, values));
+        }
     }
 
     /// A warning where labels cannot be what their names say.

@@ -368,7 +368,15 @@ fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
             ("soft_tissue", "fallback")
         );
     }
-    assert_eq!(names(&read(&[(5, 1178), (200, 150)], Preset::Auto))[0], (5, "-"));
+    for few in [&[(5, 1178), (200, 150)][..], &[(200, 150)]] {
+        let found = read(few, Preset::Auto);
+        assert!(
+            names(&found).iter().all(|(_, name)| *name == "-"),
+            "{:?}",
+            names(&found)
+        );
+        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+    }
     let body = [
         (1, 200),
         (3, 160),

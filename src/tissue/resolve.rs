@@ -24,7 +24,7 @@ pub enum Preset {
     Amos,
     /// By names that are exactly those of built-in tissues, as phantoms carry them.
     Phantom,
-    /// Not at all: only explicit tissues count.
+    /// Not at all: only explicit tissues count, but for the labels of a body that completion adds.
     None,
 }
 
