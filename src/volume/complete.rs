@@ -94,6 +94,18 @@ impl Default for CompleteOptions {
     }
 }
 
+impl CompleteOptions {
+    fn check(&self) -> Result<(), CompletionError> {
+        let layers = [("muscle", self.muscle_mm), ("fat", self.fat_mm), ("skin", self.skin_mm)];
+        for (layer, found) in layers {
+            if !(0.0..=THICKEST_MM).contains(&found) {
+                return Err(CompletionError::Thickness { layer, found });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Voxels that were filled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Filled {
@@ -167,16 +179,7 @@ pub(crate) fn is_body(name: &str) -> bool {
 /// # Errors
 /// A thickness out of range, or no room among 256 labels for those of the body.
 pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
-    let layers = [
-        ("muscle", options.muscle_mm),
-        ("fat", options.fat_mm),
-        ("skin", options.skin_mm),
-    ];
-    for (layer, found) in layers {
-        if !(0.0..=THICKEST_MM).contains(&found) {
-            return Err(CompletionError::Thickness { layer, found });
-        }
-    }
+    options.check()?;
     let unchanged = |note: &str| Completed {
         volume: volume.clone(),
         filled: Filled::default(),
@@ -245,6 +248,24 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     };
     let warning = shell(volume.labels());
     let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
+    Ok(Completed {
+        volume,
+        filled,
+        note,
+        warning,
+    })
+}
+
+/// The note of a body that was closed around labels.
+fn note(
+    volume: &LabelVolume,
+    options: &CompleteOptions,
+    skin_mm: f64,
+    filled: &Filled,
+    outline: &Outline,
+    body: &[u8; 4],
+) -> String {
     let mut note = format!(
         "unlabelled voxels: gaps of up to {} mm between the labels, and {WALL_MM} mm around them, were filled with soft tissue \
          ({} voxels) and {} mm of muscle at its edge ({} voxels), all under {} mm of fat ({} voxels) and {skin_mm:.1} mm of skin \
@@ -257,20 +278,15 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         filled.fat,
         filled.skin,
     );
-    note.push_str(&unusual_values(volume.labels(), &body));
-    let faces = cut_faces(&volume, outline.slice_axis(), body[3]);
+    note.push_str(&unusual_values(volume.labels(), body));
+    let faces = cut_faces(volume, outline.slice_axis(), body[3]);
     if !faces.is_empty() {
         note.push_str(&format!(
             "; the body reaches the edge of the volume ({}), where it is cut without skin",
             faces.join(", ")
         ));
     }
-    Ok(Completed {
-        volume,
-        filled,
-        note,
-        warning,
-    })
+    note
 }
 
 /// A warning where the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, have no trunk around them.
