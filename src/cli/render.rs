@@ -36,8 +36,9 @@ Examples:
                                                        ground truth beside the frame, for training
 
 Layers are 16-bit pictures beside the frame, or beside an image sequence sequences like it: label-value (values of the label file, 0
-outside the sector), label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue
-passed along the beam, 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB).
+outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin and 205 muscle, or what a note says where the file has these),
+label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
+0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB).
 A folder gets all its frames when the last is done, and insonify.json, which lists them: another run into it takes the place of those.
 What goes beside single frames of a sequence is in a folder of its name; what many sidecars share is in parameters.json.";
 
@@ -78,6 +79,7 @@ struct Report {
     passes: Vec<PassReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Picked>,
+    notes: Vec<String>,
     warnings: Vec<String>,
 }
 
@@ -188,6 +190,7 @@ impl Render {
             frames,
             passes,
             quality: None,
+            notes: scene.notes.clone(),
             warnings,
         };
         Ok(report)

@@ -15,8 +15,8 @@ use crate::text;
 pub enum RegionName {
     /// Its number: the value of a label.
     Value(i64),
-    /// The name of a label, of a tissue (all labels made of it) or of a mesh's region, or a part of one. Case, spaces and punctuation
-    /// do not matter.
+    /// The name of a label, of a tissue (all labels made of it) or of a mesh's region, or a part of one. Case, spaces, punctuation
+    /// and the order of words do not matter.
     Name(String),
 }
 
@@ -120,10 +120,12 @@ impl<K: Copy + Ord> Names<K> {
                 .flat_map(|(key, _, names)| names.iter().map(|own| (*key, own.as_str())))
         };
         let having = |answers: &dyn Fn(&str) -> bool| all().filter(|(_, own)| answers(&plain(own))).collect::<Vec<_>>();
-        let whole = having(&|own| own == name);
+        let wanted = words(&name);
+        let whole = having(&|own| words(own) == wanted);
+        let has_words = |own: &str| wanted.iter().all(|word| own.split('_').any(|own| own == *word));
         match whole.is_empty() {
             false => whole,
-            true => having(&|own| own.starts_with(&name) || format!("_{own}_").contains(&format!("_{name}_"))),
+            true => having(&|own| own.starts_with(&name) || has_words(own)),
         }
     }
 
@@ -168,6 +170,13 @@ impl<K: Copy + Ord> Names<K> {
     }
 }
 
+/// The words of a plain name in the order of the alphabet.
+fn words(plain: &str) -> Vec<&str> {
+    let mut words: Vec<&str> = plain.split('_').collect();
+    words.sort_unstable();
+    words
+}
+
 /// Lower case, and everything but letters and digits as single underscores.
 pub(crate) fn plain(name: &str) -> String {
     let lower = name.to_lowercase();
@@ -199,6 +208,7 @@ mod tests {
         assert_eq!(named("7"), Ok(vec![4]));
         assert_eq!(named("LIVER"), Ok(vec![1]));
         assert_eq!(named("Kidney right"), Ok(vec![2]));
+        assert_eq!(named("right kidney"), Ok(vec![2]));
         assert_eq!(named("left"), Ok(vec![3]));
         // A name that several bear means all of them, and so does a part of that name alone.
         assert_eq!(named("kidney_cortex"), Ok(vec![2, 3]));

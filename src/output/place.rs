@@ -196,7 +196,8 @@ mod tests {
                 "{refused}"
             );
         }
-        assert!(checked("none/a.vtu", &[], true).unwrap_err().is_machine());
+        let nowhere = checked("none/a.vtu", &[], true);
+        assert!(matches!(nowhere, Err(PlaceError::NoFolder { .. })), "{nowhere:?}");
         let twice = check(&[&at("b.csv"), &at("./b.csv")], &[], false);
         assert!(matches!(twice, Err(PlaceError::Twice { .. })), "{twice:?}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 6);

@@ -56,7 +56,6 @@ impl SceneFile {
         let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
             .map_err(|error| self.fault(self.tissue_key(&error), error))?;
         warnings.extend(assumed);
-        notes.extend(self.no_organ(&volume, &tissues));
         let deformation = self.deformation(&volume, base_dir)?;
 
         let mut file = self.filled(&framing);
@@ -192,28 +191,10 @@ impl SceneFile {
             self.fault(key, error)
         })?;
         notes.push(completed.note);
+        if spec.unlabelled.is_none() {
+            warnings.extend(completed.warning);
+        }
         Ok(completed.volume)
-    }
-
-    /// A note where a body was closed around labels of which none is part of one.
-    fn no_organ(&self, volume: &LabelVolume, tissues: &TissueTable) -> Option<String> {
-        let labels = || (0u8..=255).zip(volume.labels()).skip(1);
-        let added = labels().any(|(_, label)| label.voxels == 0 && label.name.as_deref() == Some("skin"));
-        let of_file = labels().filter(|(_, label)| label.voxels > 0);
-        let names: Vec<String> = of_file
-            .map(|(at, label)| {
-                let tissue = tissues.of(at);
-                let of_body = tissue.soft_organ || tissue.occlusion_per_mm > 0.0;
-                (!of_body).then(|| label.name.clone().unwrap_or_else(|| label.value.to_string()))
-            })
-            .collect::<Option<_>>()?;
-        (added && self.volume.as_ref()?.unlabelled.is_none()).then(|| {
-            format!(
-                "no label ({}) is an organ or a bone, and a body with skin, fat and muscle was closed around them: of a \
-                 phantom, `unlabelled = \"air\"` under [volume] leaves it as it is",
-                names.join(", ")
-            )
-        })
     }
 
     /// The table that places the probe in the world, and the axes in which it does.

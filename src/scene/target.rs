@@ -6,7 +6,7 @@ use super::error::{Problem, SceneError};
 use super::file::SceneFile;
 use crate::document::{Names, RegionName, nearest, plain};
 use crate::phantom;
-use crate::text::some_of;
+use crate::text::{MESSAGE, clipped, some_of};
 use crate::tissue::TissueTable;
 use crate::tracking::matrix::Rows;
 use crate::tracking::placement::{Meaning, PlacementOptions, place};
@@ -63,15 +63,21 @@ impl SceneFile {
         turned.pose(None).map_err(invalid)
     }
 
-    /// The error of a target that no label has, with the names most like it.
-    fn no_target(&self, target: &str, names: &[String]) -> SceneError {
-        let meant = nearest(target, names.iter().map(String::as_str));
-        let mut like: Vec<String> = names.to_vec();
+    /// The error of a target that no label has, with the labels most like it and what was odd about the labels.
+    fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> SceneError {
+        let names = Names::new(body.entries()).known();
+        let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
+        let of_file = body.volume.labels().iter().skip(1).filter(|label| label.voxels > 0);
+        let own = |label: &Label| label.name.clone().unwrap_or_else(|| label.value.to_string());
+        let mut like: Vec<String> = of_file.map(own).collect();
         like.sort_by(|a, b| strsim::jaro_winkler(b, target).total_cmp(&strsim::jaro_winkler(a, target)));
-        let expected = format!("a name such as {}; `insonify info FILE` lists them", some_of(&like));
+        let labels = some_of(&like);
+        let expected =
+            format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
         let found = target.to_owned();
         let error = self.fault("pose.target", Problem::Name { found, expected });
-        error.with_help(meant.map(|meant| format!("did you mean \"{meant}\"?")))
+        let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
+        error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }
 
     fn placed(
@@ -85,7 +91,7 @@ impl SceneFile {
         let label = match &table.target {
             Some(target) => {
                 let label = body.named(target);
-                let label = label.ok_or_else(|| self.no_target(target, &Names::new(body.entries()).known()))?;
+                let label = label.ok_or_else(|| self.no_target(target, body, warnings))?;
                 let names: Vec<String> = body.matching(target).iter().map(|label| body.name(*label)).collect();
                 if names.len() > 1 {
                     let found = some_of(&names);
@@ -107,7 +113,7 @@ impl SceneFile {
             shape: probe.shape,
             depth_mm: probe.depth_mm,
         };
-        let (tissues, name) = (body.tissues, body.name(label));
+        let (tissues, name) = (body.tissues, body.name_with_value(label));
         let meaning = Meaning {
             is_body: &|label| !body.is_outside(label),
             is_bone_or_gas: &|label| tissues.of(label).occlusion_per_mm > 0.0,
@@ -196,6 +202,15 @@ impl Body<'_> {
             .into_iter()
             .next()
             .unwrap_or_else(|| of.value.to_string())
+    }
+
+    /// The name of a label, or its value with the name of its tissue.
+    fn name_with_value(&self, label: u8) -> String {
+        let of = &self.volume.labels()[usize::from(label)];
+        match of.name {
+            Some(_) => self.name(label),
+            None => format!("label {} ({})", of.value, self.tissues.of(label).name),
+        }
     }
 
     /// A probe at the front face of the volume, before the middle of a label, looking back.

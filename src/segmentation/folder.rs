@@ -9,10 +9,13 @@ use rayon::prelude::*;
 use super::{Segmentation, stem};
 use crate::tissue::totalsegmentator;
 use crate::volume::complete::is_body;
-use crate::volume::{At, InvalidVolume, Label, LabelVolume, VolumeError, load};
+use crate::volume::{At, InvalidVolume, Label, LabelVolume, Loaded, VolumeError, load};
 
 /// Value of the first label whose name is no class of TotalSegmentator.
 const FREE: i64 = 301;
+
+/// Names of the image beside its masks, as data sets have them.
+const IMAGES: [&str; 2] = ["ct", "mri"];
 
 /// Distance between the corners of two grids up to which they are the same, mm.
 const SAME_MM: f64 = 0.01;
@@ -23,8 +26,32 @@ struct Mask {
     name: String,
 }
 
-/// The masks of a folder by name, those of a whole body first: a later one lies over those before.
-fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
+impl Mask {
+    fn is_image(&self) -> bool {
+        IMAGES.contains(&self.name.to_lowercase().as_str())
+    }
+
+    /// The volume of its file, of which values are not yet checked.
+    fn load(&self) -> Result<Loaded, VolumeError> {
+        load(&self.path).map_err(|error| match error {
+            VolumeError::Fractional { value, .. } => no_mask(&self.path, format!("the value {value:?}")),
+            VolumeError::Volume {
+                cause: InvalidVolume::TooManyLabels(count),
+                ..
+            } => no_mask(&self.path, format!("{count} or more values")),
+            other => other,
+        })
+    }
+}
+
+/// The error of a file that is no mask.
+fn no_mask(path: &Path, found: impl Into<String>) -> VolumeError {
+    let expected = "a binary mask, as all files of a folder are: move another file, such as the CT, out of the folder";
+    VolumeError::malformed(path, At::Voxels, found, expected)
+}
+
+/// The files of a folder that hold volumes.
+fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let fail = |cause| VolumeError::read(folder, cause);
     let mut masks = Vec::new();
     for entry in fs::read_dir(folder).map_err(fail)? {
@@ -40,11 +67,24 @@ fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
             masks.push(Mask { path, name });
         }
     }
-    masks.sort_by_cached_key(|mask| (!is_body(&mask.name), mask.name.clone(), mask.path.clone()));
-    if masks.is_empty() {
-        let expected = "masks such as liver.nii.gz, in NIfTI, NRRD or MetaImage";
+    Ok(masks)
+}
+
+/// The masks of a folder by name, those of a whole body first: a later one lies over those before.
+fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
+    let mut masks = volumes(folder)?;
+    if masks.iter().all(Mask::is_image) {
+        let mut expected = "masks such as liver.nii.gz, in NIfTI, NRRD or MetaImage".to_owned();
+        let inner = folder.join("segmentations");
+        if volumes(&inner).is_ok_and(|inner| !inner.is_empty()) {
+            expected.push_str(&format!("; there are some in {}: give that folder", inner.display()));
+        }
         return Err(VolumeError::malformed(folder, At::Folder, "no mask", expected));
     }
+    if let Some(image) = masks.iter().find(|mask| mask.is_image()) {
+        return Err(no_mask(&image.path, "an image, by its name"));
+    }
+    masks.sort_by_cached_key(|mask| (!is_body(&mask.name), mask.name.clone(), mask.path.clone()));
     if let Some([one, two]) = masks.array_windows().find(|[one, two]| one.name == two.name) {
         let found = format!("{} and {}", file_name(&one.path), file_name(&two.path));
         return Err(VolumeError::malformed(folder, At::Folder, found, "one file a name"));
@@ -60,7 +100,7 @@ fn file_name(path: &Path) -> String {
 /// none.
 pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     let masks = masks(folder)?;
-    let first = load(&masks[0].path)?;
+    let first = masks[0].load()?;
     let mut union = Union {
         voxels: vec![0; first.volume.voxels().len()],
         labels: Vec::new(),
@@ -68,7 +108,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     };
     union.add(&masks[0], &first.volume)?;
     for some in masks[1..].chunks(rayon::current_num_threads()) {
-        let loaded: Vec<_> = some.par_iter().map(|mask| load(&mask.path)).collect();
+        let loaded: Vec<_> = some.par_iter().map(Mask::load).collect();
         for (mask, loaded) in some.iter().zip(loaded) {
             let volume = loaded?.volume;
             same_grid(&masks[0].path, &first.volume, &mask.path, &volume)?;
@@ -108,8 +148,7 @@ impl Union {
     fn add(&mut self, mask: &Mask, volume: &LabelVolume) -> Result<(), VolumeError> {
         if let [_, one, two, ..] = volume.labels() {
             let found = format!("values {} and {}", one.value, two.value);
-            let expected = "a binary mask, as all files of a folder are";
-            return Err(VolumeError::malformed(&mask.path, At::Voxels, found, expected));
+            return Err(no_mask(&mask.path, found));
         }
         if !volume.holds(1) {
             return Ok(());

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::Segmentation;
 use crate::text::{self, column};
-use crate::tissue::{Origin, fallback, known, presets};
+use crate::tissue::{Origin, Preset, TissueTable, fallback, known, presets};
 use crate::volume::LabelVolume;
 
 /// Name of the background in listings.
@@ -60,6 +60,10 @@ impl Info {
         let volume = &segmentation.volume;
         let labels = (0..volume.labels().len()).map(|index| LabelInfo::new(segmentation, index));
         let origin = volume.index_to_world().fixed_view::<3, 1>(0, 3);
+        let mut warnings = segmentation.warnings.clone();
+        warnings.extend(
+            TissueTable::resolve(volume.labels(), &[], Preset::Auto).map_or_else(|_| Vec::new(), |found| found.1),
+        );
         Self {
             file: file.display().to_string(),
             size: volume.size(),
@@ -68,7 +72,7 @@ impl Info {
             origin_mm: [origin[0], origin[1], origin[2]],
             labels: labels.collect(),
             notes: segmentation.notes.clone(),
-            warnings: segmentation.warnings.clone(),
+            warnings,
         }
     }
 }
@@ -211,5 +215,9 @@ mod tests {
         assert_eq!(json["labels"][1]["value"], 9);
         let table = info.to_string();
         assert!(table.contains("2 x 1 x 1") && table.contains("warning: odd"), "{table}");
+        assert!(
+            table.contains("warning: no tissue known for label 9; taken as soft_tissue"),
+            "{table}"
+        );
     }
 }

@@ -2,11 +2,14 @@
 
 use super::{Naming, Segmentation};
 use crate::document::plain;
-use crate::tissue::{Preset, without_side};
+use crate::text::some_of;
+use crate::tissue::{Preset, totalsegmentator, without_side};
 use crate::volume::LabelVolume;
+use crate::volume::complete::has_body_values;
 
 /// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs
-/// with what is in them), by its name without a side.
+/// with what is in them), by its name without a side. Of a vessel, without a newborn's: the blood in all large arteries or all large
+/// veins of a man (6 and 18 % of 5.3 l, table 2.14), which is questioned beyond that.
 const ORGANS: &[(&str, f64, f64)] = &[
     ("spleen", 9.5, 150.0),
     ("kidney", 12.5, 155.0),
@@ -17,6 +20,10 @@ const ORGANS: &[(&str, f64, f64)] = &[
     ("adrenal_gland", 3.0, 7.0),
     ("esophagus", 2.0, 40.0),
     ("thyroid_gland", 1.3, 20.0),
+    ("heart", 46.0, 840.0),
+    ("brain", 380.0, 1450.0),
+    ("aorta", 0.0, 318.0),
+    ("inferior_vena_cava", 0.0, 954.0),
 ];
 
 /// Smallest share of a newborn's organ, and largest multiple of an adult's, that is not questioned: empty organs and large
@@ -126,8 +133,9 @@ impl Segmentation {
             let Some((_, newborn, adult)) = ORGANS.iter().find(|(known, ..)| *known == organ) else {
                 continue;
             };
-            let [low, high] = [SPAN[0] * newborn, SPAN[1] * adult];
-            if ml == 0.0 || (cut && ml < *adult) {
+            let is_vessel = *newborn == 0.0;
+            let [low, high] = [SPAN[0] * newborn, if is_vessel { *adult } else { SPAN[1] * adult }];
+            if ml == 0.0 || (cut && ml < *adult) || (is_vessel && ml <= high) {
             } else if (low..=high).contains(&ml) {
                 fit.sound += 1;
                 fit.misfit += (ml / adult).ln().powi(2);
@@ -141,21 +149,36 @@ impl Segmentation {
         fit
     }
 
+    /// The organ of a label by its value. Those of a body, which TotalSegmentator does not have, count only in a file that has one.
+    fn organ(&self, preset: Preset, index: usize) -> Option<&'static str> {
+        let value = self.volume.labels()[index].value;
+        let of_body = totalsegmentator::body().iter().any(|class| class.value == value);
+        preset
+            .organ(value)
+            .filter(|_| !of_body || has_body_values(&self.volume))
+    }
+
     /// The names of labels by a numbering that knows them all.
     fn organs(&self, preset: Preset, nameless: &[usize]) -> Option<Vec<(usize, String)>> {
-        let organ = |&index: &usize| Some((index, preset.organ(self.volume.labels()[index].value)?.to_owned()));
+        let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
         nameless.iter().map(organ).collect()
     }
 
     /// Names the labels without names by their values, in the numbering that fits them.
     pub(super) fn read_values(&mut self, naming: &Naming, sizes: &Sizes) {
-        let nameless: Vec<usize> = self.nameless(naming).collect();
+        let all: Vec<usize> = self.nameless(naming).collect();
         if naming.preset != Preset::Auto {
-            return self.read_as(naming.preset, &nameless);
+            return self.read_as(naming.preset, &all);
         }
+        // Values that no numbering has do not keep the others from theirs, where organs of these are credible.
+        let numbered = |index: &usize| self.organ(Preset::TotalSegmentator, *index).is_some();
+        let (nameless, strange): (Vec<usize>, Vec<usize>) = all.iter().partition(|index| numbered(index));
         let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
-        if nameless.is_empty() || only_mask {
+        if only_mask {
             return;
+        }
+        if nameless.is_empty() {
+            return self.read_as(Preset::TotalSegmentator, &strange);
         }
         let fits = Preset::NUMBERINGS.map(|preset| {
             let names = self.organs(preset, &nameless)?;
@@ -183,6 +206,7 @@ impl Segmentation {
             _ if fit.odd.is_empty() && fit.sound >= ENOUGH && others().all(|(.., same)| same == names) => {
                 self.notes.push(format!("{by} {title}"));
             }
+            _ if !strange.is_empty() && fit.sound < ENOUGH => return self.read_as(*usual, &strange),
             _ => {
                 let shown = |(index, name): &(usize, String)| format!("{} {name}", self.volume.labels()[*index].value);
                 let some: Vec<String> = names.iter().take(4).map(shown).collect();
@@ -198,17 +222,30 @@ impl Segmentation {
                 ));
             }
         }
-        self.read_as(preset, &nameless);
+        self.read_as(preset, &all);
     }
 
+    /// Names labels by the values of a numbering, with a warning of those that it does not have.
     fn read_as(&mut self, preset: Preset, nameless: &[usize]) {
-        let mut values = Vec::new();
-        for &index in nameless {
+        let organs: Vec<_> = nameless.iter().map(|index| self.organ(preset, *index)).collect();
+        let (mut values, mut strange) = (Vec::new(), Vec::new());
+        for (&index, organ) in nameless.iter().zip(organs) {
             let value = self.volume.labels()[index].value;
-            if let Some(organ) = preset.organ(value) {
-                self.volume.name(index, organ.to_owned());
-                values.push(value);
+            match organ {
+                Some(organ) => {
+                    self.volume.name(index, organ.to_owned());
+                    values.push(value);
+                }
+                None => {
+                    let ml = self.volume.labels()[index].voxels as f64 * self.volume.voxel_mm3() / 1000.0;
+                    strange.push(format!("{value} ({ml:.2} ml)"));
+                }
             }
+        }
+        if !strange.is_empty() && Preset::NUMBERINGS.contains(&preset) {
+            let (title, plural) = (preset.title(), if strange.len() == 1 { "" } else { "s" });
+            self.warnings
+                .push(format!("{title} has no label{plural} {}", some_of(&strange)));
         }
         if !values.is_empty() {
             self.by_value = Some((preset, values));

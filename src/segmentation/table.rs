@@ -1,4 +1,4 @@
-//! Tables of label names: CSV with a header, colour tables of 3D Slicer, label descriptions of ITK-SNAP.
+//! Tables of label names: CSV, colour tables of 3D Slicer, label descriptions of ITK-SNAP.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ pub struct Names {
 }
 
 impl Names {
-    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`; a colour table of 3D Slicer (number, name and
+    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number, name and
     /// colour a line); label descriptions of ITK-SNAP.
     ///
     /// # Errors
@@ -34,10 +34,13 @@ impl Names {
             .lines()
             .map(str::trim)
             .find(|line| !line.is_empty() && !line.starts_with('#'));
-        if first.is_some_and(|line| line.starts_with(|c: char| c.is_ascii_digit())) {
+        let first = first.unwrap_or_default();
+        let after = first.trim_start_matches(|c: char| c.is_ascii_digit());
+        let is_value = after.len() < first.len();
+        if is_value && !after.trim_start().starts_with([',', ';']) {
             names.read_colours(&text)?;
         } else {
-            names.read_csv(&text, first.unwrap_or_default())?;
+            names.read_csv(&text, first, !is_value)?;
         }
         Ok(names)
     }
@@ -88,13 +91,15 @@ impl Names {
         Ok(())
     }
 
-    fn read_csv(&mut self, text: &str, header: &str) -> Result<(), VolumeError> {
+    /// Rows by their columns; without a header, of a value and a name. `first` is the first line.
+    fn read_csv(&mut self, text: &str, first: &str, has_header: bool) -> Result<(), VolumeError> {
         let fail = |line: u64, found: String, expected: &str| {
             VolumeError::malformed(&self.path, At::Line(line as usize), found, expected)
         };
-        let delimiter = ['\t', ';'].into_iter().find(|c| header.contains(*c)).unwrap_or(',');
+        let delimiter = ['\t', ';'].into_iter().find(|c| first.contains(*c)).unwrap_or(',');
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
+            .has_headers(has_header)
             .comment(Some(b'#'))
             .delimiter(delimiter as u8)
             .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
@@ -107,8 +112,14 @@ impl Names {
             let at = |name: &&str| (0..headers.len()).find(|at| headers[*at] == *name && Some(*at) != not);
             wanted.iter().find_map(at)
         };
-        let value = column(&VALUES, None);
-        let (Some(value), Some(name)) = (value, column(&NAMES, value)) else {
+        let (value, name) = match has_header {
+            true => {
+                let value = column(&VALUES, None);
+                (value, column(&NAMES, value))
+            }
+            false => (Some(0), Some(1)),
+        };
+        let (Some(value), Some(name)) = (value, name) else {
             let found = format!("columns {}", headers.join(", "));
             return Err(fail(1, found, "columns `value` (or `label`) and `name`"));
         };

@@ -174,6 +174,23 @@ fn folders_that_are_no_segmentation_are_refused() {
     folder.row("b.nii", [0, 7, 3, 0], 1.0);
     let message = refused(folder.0.path());
     assert!(message.contains("b.nii, voxels: found values 3 and 7"), "{message}");
+    let grey = b"NRRD0004\ntype: float\ndimension: 3\nsizes: 1 1 1\nspacings: 1 1 1\nencoding: ascii\n\n0.5\n";
+    fs::write(folder.path("b.nrrd"), grey).unwrap();
+    fs::remove_file(folder.path("b.nii")).unwrap();
+    let message = refused(folder.0.path());
+    assert!(
+        message.contains("b.nrrd, voxels: found the value 0.5")
+            && message.contains("such as the CT, out of the folder"),
+        "{message}"
+    );
+    fs::remove_file(folder.path("b.nrrd")).unwrap();
+    let image = folder.row("ct.nii.gz", [1, 2, 3, 4], 1.0);
+    let message = refused(folder.0.path());
+    assert!(
+        message.contains("ct.nii.gz, voxels: found an image, by its name"),
+        "{message}"
+    );
+    fs::remove_file(image).unwrap();
     folder.row("b.nii", [0, 7, 7, 0], 1.5);
     let message = refused(folder.0.path());
     assert!(
@@ -191,6 +208,22 @@ fn folders_that_are_no_segmentation_are_refused() {
     );
     folder.row("a.mha", [0, 1, 0, 1], 1.0);
     assert!(refused(folder.0.path()).contains("a.mha and a.nii"));
+}
+
+#[test]
+fn the_folder_of_masks_in_a_folder_is_told() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("segmentations")).unwrap();
+    assert!(!refused(folder.0.path()).contains("give that folder"));
+    folder.row("segmentations/liver.nii.gz", [0, 1, 1, 0], 1.0);
+    for _ in 0..2 {
+        let message = refused(folder.0.path());
+        assert!(
+            message.contains("found no mask") && message.contains("segmentations: give that folder"),
+            "{message}"
+        );
+        folder.row("ct.nii.gz", [1, 2, 3, 4], 1.0);
+    }
 }
 
 #[test]
@@ -217,6 +250,17 @@ fn tables_beside_a_file_or_given_name_its_labels() {
     assert_eq!(names(&open(&file, &naming(&snap)).unwrap())[0], (40, "right lung"));
     let slicer = folder.write("slicer.csv", "LabelValue;Name;Color_R\n41;aorta;9\n");
     assert_eq!(names(&open(&file, &naming(&slicer)).unwrap())[1], (41, "aorta"));
+    for text in [
+        "# mine\n40,liver\n 42 , right kidney\n",
+        "40;liver;1\n42;right kidney;2\n",
+    ] {
+        let headless = open(&file, &naming(&folder.write("headless.csv", text))).unwrap();
+        assert_eq!(
+            names(&headless),
+            [(40, "liver"), (41, "-"), (42, "right kidney")],
+            "{text}"
+        );
+    }
 
     folder.write("scan.csv", "time,force\n1,2\n");
     let unused = opened(&file);
@@ -235,6 +279,8 @@ fn tables_that_are_wrong_are_refused_with_their_line() {
         ("", ["line 1", "columns"]),
         ("1 liver\n2.5 spleen\n", ["line 2", "2.5"]),
         ("1\n", ["line 1", "no name"]),
+        ("1,liver\n2,\n", ["line 2", "no name"]),
+        ("1,liver\nvalue,name\n", ["line 2", "\"value\""]),
     ] {
         let message = Names::read(&folder.write("names.csv", text)).unwrap_err().to_string();
         assert!(
@@ -298,6 +344,55 @@ fn the_numbering_is_the_one_that_fits_the_volumes() {
 }
 
 #[test]
+fn values_that_totalsegmentator_does_not_have_are_read_only_as_a_whole_body() {
+    let read = |labels: &[(i64, usize)], preset: Preset| {
+        let mut segmentation = Segmentation::from(organs(labels));
+        let sizes = Sizes::of(&segmentation.volume);
+        let naming = Naming {
+            preset,
+            ..Naming::default()
+        };
+        segmentation.read_values(&naming, &sizes);
+        segmentation
+    };
+    // A right kidney under a value of this program's own bodies, which TotalSegmentator does not have.
+    let strange = [(1, 200), (3, 160), (5, 1178), (6, 300), (200, 150)];
+    for preset in [Preset::Auto, Preset::TotalSegmentator] {
+        let found = read(&strange, preset);
+        assert_eq!((names(&found)[2], names(&found)[4]), ((5, "liver"), (200, "-")));
+        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+        let info = Info::new(&found, Path::new("a.nrrd"));
+        let label = &info.labels[5];
+        assert_eq!(
+            (label.tissue.as_str(), label.from.as_str()),
+            ("soft_tissue", "fallback")
+        );
+    }
+    for few in [&[(5, 1178), (200, 150)][..], &[(200, 150)]] {
+        let found = read(few, Preset::Auto);
+        assert!(
+            names(&found).iter().all(|(_, name)| *name == "-"),
+            "{:?}",
+            names(&found)
+        );
+        assert_eq!(found.warnings, ["TotalSegmentator has no label 200 (150.00 ml)"]);
+    }
+    let body = [
+        (1, 200),
+        (3, 160),
+        (5, 1178),
+        (201, 900),
+        (202, 900),
+        (204, 200),
+        (205, 300),
+    ];
+    let found = read(&body, Preset::Auto);
+    let expected = [(201, "fat"), (202, "soft_tissue"), (204, "skin"), (205, "muscle")];
+    assert_eq!(names(&found)[3..], expected);
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+}
+
+#[test]
 fn weak_evidence_keeps_the_reading_and_warns() {
     let folder = Folder::new();
     let small = opened(&folder.save("scan.nrrd", &organs(&[(5, 13), (6, 1178)])));
@@ -350,6 +445,23 @@ fn what_the_edge_of_the_scan_cuts_may_be_small() {
         doubts(&large, "Left adrenal gland").is_some(),
         "450 ml are too large, cut or not"
     );
+}
+
+#[test]
+fn volumes_are_questioned_wherever_names_are_from() {
+    let folder = Folder::new();
+    let file = folder.save("scan.nrrd", &organs(&[(1, 1126), (2, 13), (3, 160)]));
+    let table = "value,name\n1,inferior vena cava\n2,Liver\n3,kidney_left\n";
+    let naming = Naming {
+        names: Some(Names::read(&folder.write("names.csv", table)).unwrap()),
+        ..Naming::default()
+    };
+    folder.write("scan.csv", table);
+    for found in [open(&file, &naming).unwrap(), opened(&file)] {
+        let expected = "label 1 (inferior vena cava) has 1126.00 ml, expected 0.0 to 954 ml, label 2 (Liver) has 13.00 ml, expected \
+                        43.3 to 10800 ml: check names, voxel spacing and orientation";
+        assert_eq!(found.warnings, [expected]);
+    }
 }
 
 #[test]

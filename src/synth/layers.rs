@@ -57,7 +57,8 @@ impl Beam {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
-    /// Label value of the volume: 0 outside the sector and where nothing is labelled
+    /// Label value of the volume: 0 outside the sector and where nothing is labelled; of a completed body 201 fat, 202 soft tissue, 204 skin
+    /// and 205 muscle, or other free values
     LabelValue,
     /// Place of the label in the table of labels, from 0: the same where values do not fit 16 bits
     LabelIndex,

@@ -24,7 +24,7 @@ pub enum Preset {
     Amos,
     /// By names that are exactly those of built-in tissues, as phantoms carry them.
     Phantom,
-    /// Not at all: only explicit tissues count.
+    /// Not at all: only explicit tissues count, but for the labels of a body that completion adds.
     None,
 }
 
@@ -185,8 +185,10 @@ pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
         .or_else(|| by_keyword(&name).map(|found| (found, Origin::Word)))
 }
 
-fn by_name(name: &str, hint: Preset) -> Option<&'static Tissue> {
+fn by_name(name: &str, hint: Preset, of_file: bool) -> Option<&'static Tissue> {
     match hint {
+        // Labels without voxels in the file are those of completion, named as their tissues.
+        Preset::None if !of_file => presets::get(name),
         Preset::None => None,
         Preset::Phantom => presets::get(&plain(name)),
         _ => known(name).map(|(tissue, _)| tissue),
@@ -228,7 +230,7 @@ impl TissueTable {
     ///
     /// In this order: an override that claims the label by value or name; an override or preset of the same name; a
     /// TotalSegmentator class of that name (case, spaces and side do not matter); a word such as "rib"; else soft tissue,
-    /// with a warning. `hint` narrows this down. An override named as a preset changes that preset wherever it is used.
+    /// with a warning. `hint` narrows this down, but for the labels that completion appends. An override named as a preset changes that preset wherever it is used.
     /// Labels without names get them before, from [`segmentation::open`](crate::segmentation::open).
     ///
     /// Returns the table and the warnings: what was assumed, and which key of the scene settles it.
@@ -272,7 +274,7 @@ impl TissueTable {
             let same_name = |name: &String| custom.iter().find(|tissue| plain(&tissue.name) == plain(name));
             let preset = match &label.name {
                 _ if index == 0 => presets::all().first(),
-                Some(name) => by_name(name, hint),
+                Some(name) => by_name(name, hint, label.voxels > 0),
                 None => None,
             };
             let tissue = match (claim, label.name.as_ref().and_then(same_name)) {

@@ -1,12 +1,12 @@
 //! The classes of TotalSegmentator's `total` task (J. Wasserthal et al., Radiology: AI 5 (2023) e230024; class list of
-//! version 2) and the tissue each is imaged as, with five values beyond them for the rest of the body.
+//! version 2) and the tissue each is imaged as, with six values beyond them for the rest of the body.
 
 use super::{Tissue, presets};
 
 /// A class: its value in a label map, its name, and the preset that it is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Class {
-    /// Value in a combined label map, 1 to 117, or 200 to 204 for body labels.
+    /// Value in a combined label map, 1 to 117, or 200 to 205 for body labels, which TotalSegmentator itself does not have.
     pub value: i64,
     /// Name as TotalSegmentator writes it.
     pub name: &'static str,
@@ -42,7 +42,8 @@ pub fn classes() -> &'static [Class] {
 }
 
 /// Labels that fill the rest of a segmented body, from the grey values of the CT: gas below -300 HU, fat to -30 HU, soft
-/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell.
+/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; and the muscle that completion
+/// adds.
 pub fn body() -> &'static [Class] {
     BODY
 }
@@ -57,6 +58,7 @@ static BODY: &[Class] = &[
     class(202, "soft_tissue", "soft_tissue"),
     class(203, "dense", "bone"),
     class(204, "skin", "skin"),
+    class(205, "muscle", "muscle"),
 ];
 
 static CLASSES: &[Class] = &[
@@ -205,11 +207,11 @@ mod tests {
 
     #[test]
     fn every_class_has_a_preset_and_values_are_unbroken() {
-        for (class, value) in CLASSES.iter().zip(1..=117).chain(BODY.iter().zip(200..=204)) {
+        for (class, value) in CLASSES.iter().zip(1..=117).chain(BODY.iter().zip(200..=205)) {
             assert_eq!(class.value, value);
             assert!(class.preset().is_some(), "{}: {}", class.name, class.tissue);
         }
-        assert_eq!((CLASSES.len(), BODY.len()), (117, 5));
+        assert_eq!((CLASSES.len(), BODY.len()), (117, 6));
     }
 
     #[test]

@@ -1,12 +1,16 @@
 //! Completion of a segmentation that labels organs but not the body around them.
 //!
-//! The labelled anatomy is closed slice by slice and then in space on a grid of about [`GRID_MM`], the outline is smoothed, and the voxels without a label inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin around them.
+//! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all directions, and the outline
+//! is smoothed. The voxels without a label inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin
+//! around them. Around few organs without bones that is no trunk, which [`Completed::warning`] says.
 
 mod outline;
 
 use rayon::prelude::*;
 
 use super::{InvalidVolume, Label, LabelVolume};
+use crate::text::some_of;
+use crate::tissue::known;
 use outline::Outline;
 
 /// Spacing of the grid on which the outline of the body is found, mm.
@@ -20,6 +24,11 @@ pub const LEAST_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
 pub const THICKEST_MM: f64 = 100.0;
 
+/// Names and usual values of the labels that are appended, from the inside outwards.
+const LAYERS: [(&str, i64); 4] = [("soft_tissue", 202), ("muscle", 205), ("fat", 201), ("skin", 204)];
+/// Organs from which on a body is closed around labels without bones and without doubt.
+const ENOUGH_ORGANS: usize = 8;
+
 /// Names that only volumes with an explicit body carry.
 const BODY_NAMES: [&str; 8] = [
     "skin",
@@ -31,8 +40,10 @@ const BODY_NAMES: [&str; 8] = [
     "phantom_bottom",
     "phantom_inclusion",
 ];
-/// Values that mark an explicit body where labels have no names: gas, fat, soft tissue, dense tissue, skin.
-const BODY_VALUES: std::ops::RangeInclusive<i64> = 200..=204;
+/// Values of fat, soft tissue and skin, which mark an explicit body where labels have no names.
+const BODY_VALUES: [i64; 3] = [201, 202, 204];
+/// Least share of the labelled voxels that the three have in a body.
+const BODY_SHARE: f64 = 1.0 / 3.0;
 
 /// What unlabelled voxels are taken for.
 #[derive(
@@ -83,6 +94,18 @@ impl Default for CompleteOptions {
     }
 }
 
+impl CompleteOptions {
+    fn check(&self) -> Result<(), CompletionError> {
+        let layers = [("muscle", self.muscle_mm), ("fat", self.fat_mm), ("skin", self.skin_mm)];
+        for (layer, found) in layers {
+            if !(0.0..=THICKEST_MM).contains(&found) {
+                return Err(CompletionError::Thickness { layer, found });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Voxels that were filled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Filled {
@@ -105,6 +128,8 @@ pub struct Completed {
     pub filled: Filled,
     /// What was assumed, for people to read.
     pub note: String,
+    /// The doubt about a body that was closed around fewer than 8 organs and no bone, of which none is a trunk.
+    pub warning: Option<String>,
 }
 
 /// Extent of a volume along an axis below which no body is closed around it, mm.
@@ -126,12 +151,22 @@ pub enum CompletionError {
     Volume(#[from] InvalidVolume),
 }
 
-/// Whether a volume carries a body of its own: labels named skin, fat or body, or unnamed ones valued 200 to 204.
+/// True for a volume that carries a body of its own: labels named skin, fat or body, or those of [`has_body_values`].
 pub fn has_body(volume: &LabelVolume) -> bool {
-    volume.labels().iter().skip(1).any(|label| match &label.name {
-        Some(name) => is_body(name),
-        None => BODY_VALUES.contains(&label.value),
-    })
+    let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
+    names.any(is_body) || has_body_values(volume)
+}
+
+/// True where labels without names are a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have
+/// a third of the labelled voxels. Values of which that is not true are of something else.
+pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
+    let voxels = |value: i64| {
+        let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
+        volume.labels().iter().find(own).map(|label| label.voxels)
+    };
+    let body: Option<u64> = BODY_VALUES.into_iter().map(voxels).sum();
+    let labelled: u64 = volume.labels().iter().skip(1).map(|label| label.voxels).sum();
+    body.is_some_and(|body| body as f64 >= BODY_SHARE * labelled as f64)
 }
 
 /// True for a name that only volumes with an explicit body carry.
@@ -144,25 +179,17 @@ pub(crate) fn is_body(name: &str) -> bool {
 /// # Errors
 /// A thickness out of range, or no room among 256 labels for those of the body.
 pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
-    let layers = [
-        ("muscle", options.muscle_mm),
-        ("fat", options.fat_mm),
-        ("skin", options.skin_mm),
-    ];
-    for (layer, found) in layers {
-        if !(0.0..=THICKEST_MM).contains(&found) {
-            return Err(CompletionError::Thickness { layer, found });
-        }
-    }
+    options.check()?;
     let unchanged = |note: &str| Completed {
         volume: volume.clone(),
         filled: Filled::default(),
         note: note.to_owned(),
+        warning: None,
     };
     match options.mode {
         Unlabelled::Air => {
             return Ok(unchanged(
-                "unlabelled voxels stay empty, as asked: sound passes them as it passes gel",
+                "unlabelled voxels stay empty, as asked: sound passes them without echo or loss, as gel",
             ));
         }
         Unlabelled::Tissue => return everywhere(volume),
@@ -183,10 +210,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         return Ok(unchanged("no voxel is labelled: nothing was filled"));
     };
     let mut labels = volume.labels().to_vec();
-    let soft = body_label(&mut labels, "soft_tissue", 202);
-    let muscle = body_label(&mut labels, "muscle", 205);
-    let fat = body_label(&mut labels, "fat", 201);
-    let skin = body_label(&mut labels, "skin", 204);
+    let body = LAYERS.map(|(name, value)| body_label(&mut labels, name, value));
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -210,7 +234,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
                 } else {
                     return;
                 };
-                *voxel = [soft, muscle, fat, skin][layer];
+                *voxel = body[layer];
                 count[layer] += 1;
             });
             count
@@ -222,27 +246,86 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         fat: counts[2],
         skin: counts[3],
     };
+    let warning = shell(volume.labels());
     let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
+    Ok(Completed {
+        volume,
+        filled,
+        note,
+        warning,
+    })
+}
+
+/// The note of a body that was closed around labels.
+fn note(
+    volume: &LabelVolume,
+    options: &CompleteOptions,
+    skin_mm: f64,
+    filled: &Filled,
+    outline: &Outline,
+    body: &[u8; 4],
+) -> String {
     let mut note = format!(
-        "unlabelled voxels: the labelled anatomy was closed slice by slice and in space ({CLOSING_MM} mm), widened by \
-         {WALL_MM} mm and filled as soft tissue ({} voxels), under {} mm of muscle ({} voxels), {} mm of fat ({} voxels) and \
-         {skin_mm:.1} mm of skin ({} voxels); the rest is empty: sound passes it as it passes gel",
-        filled.soft_tissue, options.muscle_mm, filled.muscle, options.fat_mm, filled.fat, filled.skin,
+        "unlabelled voxels: gaps of up to {} mm between the labels, and {WALL_MM} mm around them, were filled with soft tissue \
+         ({} voxels) and {} mm of muscle at its edge ({} voxels), all under {} mm of fat ({} voxels) and {skin_mm:.1} mm of skin \
+         ({} voxels); outside the skin voxels stay empty: sound passes them without echo or loss, as gel",
+        2.0 * CLOSING_MM,
+        filled.soft_tissue,
+        options.muscle_mm,
+        filled.muscle,
+        options.fat_mm,
+        filled.fat,
+        filled.skin,
     );
-    let faces = cut_faces(&volume, outline.slice_axis(), skin);
+    note.push_str(&unusual_values(volume.labels(), body));
+    let faces = cut_faces(volume, outline.slice_axis(), body[3]);
     if !faces.is_empty() {
         note.push_str(&format!(
             "; the body reaches the edge of the volume ({}), where it is cut without skin",
             faces.join(", ")
         ));
     }
-    Ok(Completed { volume, filled, note })
+    note
+}
+
+/// A warning where the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, have no trunk around them.
+fn shell(labels: &[Label]) -> Option<String> {
+    let held = || labels.iter().skip(1).filter(|label| label.voxels > 0);
+    let tissues: Vec<_> = held().filter_map(|label| known(label.name.as_deref()?)).collect();
+    let names: Vec<String> = held()
+        .map(|label| label.name.clone().unwrap_or_else(|| label.value.to_string()))
+        .collect();
+    let is_trunk = tissues.len() >= ENOUGH_ORGANS || tissues.iter().any(|(tissue, _)| tissue.name == "bone");
+    (!is_trunk && !names.is_empty()).then(|| {
+        format!(
+            "the body was closed around {} label{} ({}): a shell around {}, not anatomy; give a segmentation with vertebrae and \
+             ribs, or no body: `unlabelled = \"air\"` under [volume], or `mesh make --no-complete`",
+            names.len(),
+            if names.len() == 1 { "" } else { "s" },
+            some_of(&names),
+            if names.len() == 1 { "it" } else { "them" },
+        )
+    })
+}
+
+/// The end of a note: values of the first of [`LAYERS`], at places in `labels`, that are not the usual ones.
+fn unusual_values(labels: &[Label], body: &[u8]) -> String {
+    let other = |(at, (name, usual)): (&u8, (&str, i64))| {
+        let value = labels[usize::from(*at)].value;
+        (value != usual).then(|| format!("{name} is label {value}, not {usual} as usual"))
+    };
+    let others: Vec<String> = body.iter().zip(LAYERS).filter_map(other).collect();
+    match others.is_empty() {
+        true => String::new(),
+        false => format!("; beside the labels of the file {}", others.join(", ")),
+    }
 }
 
 /// Takes every unlabelled voxel for soft tissue.
 fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     let mut labels = volume.labels().to_vec();
-    let soft = body_label(&mut labels, "soft_tissue", 202);
+    let soft = body_label(&mut labels, LAYERS[0].0, LAYERS[0].1);
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -257,13 +340,15 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
             u64::from(unlabelled)
         })
         .sum();
+    let values = unusual_values(&labels, &[soft]);
     Ok(Completed {
         volume: LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?,
         filled: Filled {
             soft_tissue,
             ..Filled::default()
         },
-        note: format!("unlabelled voxels are soft tissue, as asked ({soft_tissue} voxels)"),
+        note: format!("unlabelled voxels are soft tissue, as asked ({soft_tissue} voxels){values}"),
+        warning: None,
     })
 }
 

@@ -37,6 +37,10 @@ fn one_frame_is_a_picture_and_one_object() {
     assert!(names(&report["passes"]).contains(&"scan_conversion"));
     assert!(report["passes"][0]["ms"].is_number());
     assert_eq!(report["warnings"], json!([]));
+    assert!(
+        report["notes"].to_string().contains("the phantom's own pose"),
+        "{report}"
+    );
     let (size, pixels) = grey(&bench.path("frame.png"));
     assert_eq!(size, (48, 40));
     assert!(pixels.iter().any(|&grey| grey > 60), "a picture, not a black square");

@@ -105,6 +105,7 @@ fn names_come_from_a_table_and_are_shown() {
         "cyst ?",
         "soft_tissue ?",
         "fallback",
+        "warning: no tissue known for label 1 (\"thing\"); taken as soft_tissue",
         "note: labels are named by names.csv",
     ] {
         assert!(info.contains(line), "no {line:?} in {info}");
@@ -113,6 +114,17 @@ fn names_come_from_a_table_and_are_shown() {
     bench.write("named.toml", scene);
     let note = bench.run("plan named.toml --json");
     assert!(!note.stderr.contains("read by the numbers"), "{note:?}");
+    let over = |target: &str| {
+        bench.run(&format!(
+            "render --labels a.nrrd --target {target} --size 32x32 --backend cpu"
+        ))
+    };
+    bench.write("a.csv", "value,name\n9,none\n");
+    let words = ["such as 1, 2", "or its value", "no tissue known for labels 1, 2"];
+    over("kidney").fails(2, &words);
+    let told = over("2");
+    assert!(told.stderr.contains("label 2 (soft_tissue)"), "{told:?}");
+    std::fs::remove_file(bench.path("a.csv")).unwrap();
     bench.write("names.csv", "value,name\none,liver\n");
     let words = ["names.csv, line 2", "\"one\""];
     bench.run("info a.nrrd --names names.csv").fails(2, &words);

@@ -60,6 +60,7 @@ fn a_target_is_found_by_name_part_and_value() {
     for (target, name) in [
         ("liver", "liver"),
         ("Kidney", "kidney_cortex"),
+        ("wall gallbladder", "gallbladder_wall"),
         ("11", "liver"),
         ("gallbladder", "gallbladder_wall"),
     ] {

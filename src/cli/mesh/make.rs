@@ -120,6 +120,7 @@ impl Make {
             let completed = complete(&volume, &CompleteOptions::default())?;
             volume = completed.volume;
             notes.push(completed.note);
+            warnings.extend(completed.warning);
         } else {
             notes.push("unlabelled voxels are outside, as asked: nothing was filled".to_owned());
         }

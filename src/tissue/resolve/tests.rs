@@ -65,7 +65,12 @@ fn every_keyword_names_a_preset_and_every_class_finds_its_own_by_name() {
         assert!(presets::get(tissue).is_some(), "{keyword}: {tissue}");
     }
     for class in totalsegmentator::classes().iter().chain(totalsegmentator::body()) {
-        assert_eq!(by_name(class.name, Preset::Auto), class.preset(), "{}", class.name);
+        assert_eq!(
+            by_name(class.name, Preset::Auto, true),
+            class.preset(),
+            "{}",
+            class.name
+        );
     }
     for tissue in presets::all() {
         assert_eq!(plain(&tissue.name), tissue.name);
@@ -93,6 +98,16 @@ fn hints_narrow_the_rules() {
         warnings[0].contains("1 (\"liver\"), 2 (\"right lung\")"),
         "{warnings:?}"
     );
+    let appended = Label {
+        voxels: 0,
+        ..label(204, Some("skin"))
+    };
+    for (hint, count) in [(Preset::None, 1), (Preset::Phantom, 0)] {
+        let labels = [label(0, None), label(5, Some("liver")), appended.clone()];
+        let (found, warnings) = resolved(&labels, &[], hint);
+        assert_eq!((found[1].as_str(), warnings.len()), ("skin", count), "{warnings:?}");
+        assert!(warnings.iter().all(|warning| warning.contains("label 5 (\"liver\");")));
+    }
 }
 
 #[test]

@@ -158,7 +158,6 @@ fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
 fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
     let plain = trunk([4.0; 3]);
     for named in [
-        label(204, None),
         label(3, Some("Subcutaneous fat")),
         label(3, Some("skin")),
         label(1, Some("phantom_top")),
@@ -170,6 +169,16 @@ fn volumes_with_a_body_and_empty_ones_stay_as_they_are() {
         assert_eq!(done.filled, Filled::default());
         assert_eq!(done.volume.voxels(), volume.voxels());
     }
+    let by_value = |values: [i64; 3]| {
+        let row = values.map(|value| Label {
+            voxels: 9,
+            ..label(value, None)
+        });
+        let labels = plain.labels().iter().cloned().chain(row).collect();
+        LabelVolume::new(plain.size(), plain.voxels().to_vec(), labels, *plain.index_to_world()).unwrap()
+    };
+    assert!(has_body(&by_value([201, 202, 204])));
+    assert!(!has_body(&by_value([200, 203, 204])) && !has_body(&by_value([1, 2, 200])));
     let empty = LabelVolume::new([4, 4, 4], vec![0; 64], vec![label(0, None)], Matrix4::identity()).unwrap();
     assert_eq!(run(&empty).filled, Filled::default());
     let mut thin = *plain.index_to_world();
@@ -211,6 +220,12 @@ fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
     labels.push(label(202, Some("pebble")));
     let volume = LabelVolume::new(plain.size(), plain.voxels().to_vec(), labels, *plain.index_to_world()).unwrap();
     let done = run(&volume);
+    assert!(
+        done.note.contains("soft_tissue is label 203, not 202 as usual") && !done.note.contains("skin is"),
+        "{}",
+        done.note
+    );
+    assert!(!run(&plain).note.contains("as usual"));
     let values: Vec<i64> = done.volume.labels().iter().map(|l| l.value).collect();
     assert_eq!(values.iter().collect::<HashSet<_>>().len(), values.len(), "{values:?}");
     for fat_mm in [-1.0, f64::NAN, 101.0] {
@@ -235,6 +250,32 @@ fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
     full.extend((0..252).map(|v| label(1000 + v, Some("x"))));
     let full = LabelVolume::new(plain.size(), plain.voxels().to_vec(), full, *plain.index_to_world()).unwrap();
     assert!(complete(&full, &CompleteOptions::default()).is_err());
+}
+
+#[test]
+fn a_body_around_few_organs_is_questioned() {
+    let told = |names: &[&str]| {
+        let row = names.iter().zip(1..).map(|(name, value)| Label {
+            voxels: 5,
+            ..label(value, (*name != "-").then_some(*name))
+        });
+        shell(&std::iter::once(label(0, None)).chain(row).collect::<Vec<_>>())
+    };
+    let one = told(&["kidney_right"]).unwrap();
+    assert!(
+        one.starts_with("the body was closed around 1 label (kidney_right): a shell around it"),
+        "{one}"
+    );
+    let two = told(&["liver", "-"]).unwrap();
+    assert!(two.contains("2 labels (liver, 2): a shell around them"), "{two}");
+    assert!(told(&["pebble"; 9]).is_some());
+    assert_eq!(told(&["liver", "vertebrae_L3"]), None);
+    assert_eq!(
+        told(&[
+            "liver", "spleen", "pancreas", "aorta", "stomach", "colon", "heart", "brain"
+        ]),
+        None
+    );
 }
 
 #[test]
