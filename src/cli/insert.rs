@@ -241,7 +241,12 @@ fn told(summary: &Summary, output: &Path) -> String {
     };
     let targets = summary.targets.iter();
     let targets: String = targets
-        .map(|target| format!(", tip within {:.1} mm of {}", target.nearest_tip_mm, target.name))
+        .map(|target| {
+            format!(
+                ", tip within {:.1} mm of the target ({})",
+                target.nearest_tip_mm, target.name
+            )
+        })
         .collect();
     format!(
         "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} remeshes{seeds}; \

@@ -165,7 +165,9 @@ pub(super) fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, war
         (Some(at), _) => met("bone", at),
         (None, Some((label, away))) => {
             let name = body.name(label);
-            notes.push(format!("the planned path passes bone ({name}) at {away:.0} mm"));
+            notes.push(format!(
+                "the bone nearest to the planned path is {name}, {away:.0} mm away"
+            ));
         }
         (None, None) => notes.push(format!("the planned path has no bone within {LOOKED_MM:.0} mm")),
     }

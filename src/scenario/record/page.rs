@@ -96,7 +96,7 @@ fn figures(summary: &Summary) -> Vec<Vec<String>> {
         rows.push(("Largest force on the probe".to_owned(), format!("{force:.3} N")));
     }
     let nearest = summary.targets.iter().map(|target| {
-        let what = format!("Least distance of the tip from {}", target.name);
+        let what = format!("Least distance of the tip from the target ({})", target.name);
         (what, format!("{:.2} mm", target.nearest_tip_mm))
     });
     rows.extend(nearest);

@@ -81,23 +81,17 @@ fn thinning_is_a_trade() {
     assert!(value(&study, &["2"], "candidates") < value(&study, &["1"], "candidates"));
 }
 
-/// Shapes of angular springs converge as links shorten: an error of the square of their length leaves room for 2 of 4.
+/// Links and elements of a beam come nearer to the finest as they shorten, and end at the same place by the same stiffness.
 #[test]
-fn shorter_links_come_nearer() {
-    let study = of(Part::Links);
-    let tip = |link: &str| value(&study, &[link], "tip_mm").unwrap();
+fn shorter_links_and_elements_come_nearer_and_bend_the_same() {
+    let (beam, links) = (of(Part::Elements), of(Part::Links));
+    let tip = |link: &str| value(&links, &[link], "tip_mm").unwrap();
     assert!(
         tip("20") > 2.0 * tip("5") && tip("10") > 2.0 * tip("2.5"),
         "{}",
-        study.text()
+        links.text()
     );
-    assert_eq!(value(&study, &["1.25"], "tip_mm"), None);
-}
-
-/// Beams come nearer to the finest as their elements shorten, and end where fine links do: both bend alike by the same stiffness.
-#[test]
-fn shorter_elements_come_nearer_and_a_beam_bends_as_links_do() {
-    let (beam, links) = (of(Part::Elements), of(Part::Links));
+    assert_eq!(value(&links, &["1.25"], "tip_mm"), None);
     let tip = |element: &str| value(&beam, &[element], "tip_mm").unwrap();
     assert!(tip("20") > tip("10") && tip("20") > tip("5"), "{}", beam.text());
     assert_eq!(value(&beam, &["2.5"], "tip_mm"), None);
