@@ -10,9 +10,15 @@ pub const MESSAGE: usize = 2000;
 pub const WIDEST_NAME: usize = 48;
 const ELLIPSIS: char = '…';
 
+/// Characters that change how a terminal shows others: controls, and marks that turn the direction of writing.
+fn is_control(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
 /// The text with control characters escaped, except line feeds and tabs.
 pub fn printable(text: &str) -> Cow<'_, str> {
-    let foreign = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    let foreign = |c: char| is_control(c) && !matches!(c, '\n' | '\t');
     if !text.contains(foreign) {
         return Cow::Borrowed(text);
     }
@@ -102,7 +108,7 @@ fn fitting(chars: impl Iterator<Item = char>, columns: usize) -> (Vec<String>, b
     for c in chars {
         let (part, width) = match c {
             '\t' => (" ".to_owned(), 1),
-            c if c.is_control() => (c.escape_default().to_string(), c.escape_default().count()),
+            c if is_control(c) => (c.escape_default().to_string(), c.escape_default().count()),
             // Marks without a width of their own count too: any number of them may follow a letter.
             c => (c.to_string(), c.width().unwrap_or(1).max(1)),
         };
@@ -122,8 +128,8 @@ mod tests {
     #[test]
     fn controls_are_escaped_and_words_are_not() {
         assert_eq!(
-            printable("a\u{1b}[2J\u{9b}\u{7f}\r\n\tÄ"),
-            "a\\u{1b}[2J\\u{9b}\\u{7f}\\r\n\tÄ"
+            printable("a\u{1b}[2J\u{9b}\u{202e}\u{7f}\r\n\tÄ"),
+            "a\\u{1b}[2J\\u{9b}\\u{202e}\\u{7f}\\r\n\tÄ"
         );
         assert_eq!(head("a\nerror: b\tc", 40), "a\\nerror: b c");
     }

@@ -25,9 +25,9 @@ pub enum PlaceError {
         cause: io::Error,
     },
     /// The folder of a file is not there.
-    #[error("{}: there is no such folder; make it first, or name another", path.display())]
+    #[error("{}: its folder is not there; make it first, or name another", path.display())]
     NoFolder {
-        /// The folder.
+        /// The file.
         path: PathBuf,
     },
     /// A folder in place of a file, a file in place of a folder, or something that is neither.
@@ -75,7 +75,10 @@ pub enum PlaceError {
 impl PlaceError {
     /// Whether the machine failed, rather than what was asked for.
     pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Write(_) | Self::Folder { .. } | Self::Kept { .. })
+        matches!(
+            self,
+            Self::Write(_) | Self::Folder { .. } | Self::NoFolder { .. } | Self::Kept { .. }
+        )
     }
 }
 
@@ -118,9 +121,7 @@ fn check_one(path: &Path, inputs: &[PathBuf], force: bool) -> Result<(), PlaceEr
     }
     let folder = folder_of(path);
     if !folder.exists() {
-        return Err(PlaceError::NoFolder {
-            path: folder.to_owned(),
-        });
+        return Err(PlaceError::NoFolder { path: path.to_owned() });
     }
     staged::clear_leftovers(folder);
     StagedFile::within(folder).map(drop).map_err(failed)?;
@@ -196,8 +197,7 @@ mod tests {
                 "{refused}"
             );
         }
-        let nowhere = checked("none/a.vtu", &[], true);
-        assert!(matches!(nowhere, Err(PlaceError::NoFolder { .. })), "{nowhere:?}");
+        assert!(checked("none/a.vtu", &[], true).unwrap_err().is_machine());
         let twice = check(&[&at("b.csv"), &at("./b.csv")], &[], false);
         assert!(matches!(twice, Err(PlaceError::Twice { .. })), "{twice:?}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 6);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::InvalidVolume;
 use crate::output::atomic::WriteError;
-use crate::read;
+use crate::{read, text};
 
 /// Where in a file something is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +47,7 @@ pub enum VolumeError {
         cause: io::Error,
     },
     /// The system could not read the file of the data, which the header names.
-    #[error("{}, {at}: the data file {} cannot be read: {cause}", path.display(), data.display())]
+    #[error("{}, {at}: the data file {} cannot be read: {cause}", path.display(), text::clipped(&data.to_string_lossy(), text::MESSAGE))]
     Data {
         /// The file of the header.
         path: PathBuf,
@@ -130,7 +130,7 @@ impl VolumeError {
         Self::Malformed {
             path: path.to_owned(),
             at,
-            found: found.into(),
+            found: text::clipped(&found.into(), text::MESSAGE),
             expected: expected.into(),
         }
     }
@@ -139,7 +139,7 @@ impl VolumeError {
         Self::Unsupported {
             path: path.to_owned(),
             at,
-            found: found.into(),
+            found: text::clipped(&found.into(), text::MESSAGE),
             expected: expected.into(),
         }
     }

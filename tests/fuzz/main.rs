@@ -67,10 +67,10 @@ fn main() -> ExitCode {
             match run(&format, folder.path(), seed, case) {
                 Ok(sound) => accepted += u64::from(sound),
                 Err(cause) => {
-                    let count = causes.entry(cause).or_default();
+                    let count = causes.entry(cause.clone()).or_default();
                     *count += 1;
                     if *count <= SHOWN {
-                        report();
+                        report(&cause);
                     }
                 }
             }
@@ -143,10 +143,10 @@ fn told(error: insonify::error::Error) -> Result<(), String> {
 }
 
 /// Shows the case that ran last, and keeps its file.
-fn report() {
+fn report(cause: &str) {
     if let Some((again, kept, bytes)) = RUNNING.lock().unwrap().as_ref() {
         let _ = std::fs::write(kept, bytes);
-        println!("FAILED: {}\n  {again}\n  {}", PANIC.lock().unwrap(), kept.display());
+        println!("FAILED: {cause}\n  {again}\n  {}", kept.display());
         let _ = std::io::stdout().flush();
     }
 }
@@ -162,8 +162,7 @@ fn watch() {
         }
         let waited = since.elapsed().as_secs_f64();
         if used.unwrap_or(waited) - from > PATIENCE_S || waited > 20.0 * PATIENCE_S {
-            *PANIC.lock().unwrap() = format!("it takes more than {PATIENCE_S} s");
-            report();
+            report(&format!("it takes more than {PATIENCE_S} s"));
             std::process::abort();
         }
     }

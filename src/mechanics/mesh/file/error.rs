@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::memory::TooLarge;
 use crate::output::atomic::WriteError;
-use crate::read;
+use crate::{read, text};
 
 /// Why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -107,7 +107,7 @@ impl Fault {
     pub fn at(offset: usize, found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault::Contents {
             offset: Some(offset),
-            found: found.into(),
+            found: text::clipped(&found.into(), text::MESSAGE),
             expected: expected.into(),
         }
     }
@@ -115,7 +115,7 @@ impl Fault {
     pub fn whole(found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault::Contents {
             offset: None,
-            found: found.into(),
+            found: text::clipped(&found.into(), text::MESSAGE),
             expected: expected.into(),
         }
     }
