@@ -151,7 +151,7 @@ pub enum CompletionError {
     Volume(#[from] InvalidVolume),
 }
 
-/// True for a volume that carries a body of its own: labels named skin, fat or body, or those of [`has_body_values`].
+/// True for a volume that carries a body of its own: labels named skin, fat or body, or the values that `--save-labels` gives them.
 pub fn has_body(volume: &LabelVolume) -> bool {
     let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
     names.any(is_body) || has_body_values(volume)
