@@ -13,7 +13,7 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::matrix::{self, NotRigid};
 use super::probe::{ImageGrid, InvalidGrid};
-use crate::read;
+use crate::{read, text};
 
 /// Largest angle that image axes may be off square by, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
@@ -45,7 +45,7 @@ pub enum CalibrationError {
         found: String,
     },
     /// The file is not well-formed XML, or holds what no configuration does.
-    #[error("`{}`, line {line}, column {column}: {found}", path.display())]
+    #[error("`{}`, line {line}, column {column}: {}", path.display(), text::clipped(found, text::MESSAGE))]
     Xml {
         /// The file.
         path: PathBuf,
@@ -57,7 +57,7 @@ pub enum CalibrationError {
         found: String,
     },
     /// A transform that the file does not define.
-    #[error("`{}` defines no transform from `{from}` to `{to}`; it has {has}", path.display())]
+    #[error("`{}` defines no transform from `{from}` to `{to}`; it has {}", path.display(), text::clipped(has, text::MESSAGE))]
     NoTransform {
         /// The file.
         path: PathBuf,
