@@ -66,7 +66,7 @@ pub enum Problem {
     NoPose {
         /// The transform asked for.
         transform: String,
-        /// Why there is no pose.
+        /// The cause.
         source: TrajectoryError,
     },
     /// A frame past the last.

@@ -34,7 +34,7 @@ pub(super) struct Recording {
     pub transform: String,
     /// Centre of the array to the marker on the probe, rigid.
     pub array_to_marker: Matrix4<f64>,
-    /// Of the pixels that are stored.
+    /// Calibration of the stored pixels.
     calibration: Option<Calibration>,
     image_size: Option<[usize; 2]>,
 }

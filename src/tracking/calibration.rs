@@ -41,7 +41,7 @@ pub enum CalibrationError {
     NoXml {
         /// The file.
         path: PathBuf,
-        /// What it starts with.
+        /// Its first characters.
         found: String,
     },
     /// The file is not well-formed XML, or holds what no configuration does.

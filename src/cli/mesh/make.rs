@@ -26,7 +26,8 @@ Examples:
   insonify mesh make ct.nii.gz --nodes 10000 --no-complete -o organs.vtu --json
   insonify mesh make --phantom abdomen --nodes 3300 -o abdomen.vtu
 
-Regions carry the label values of the volume in the cell array `region`, their names in the field array `region_names`. A finer mesh follows thin tissue better: `mislabelled` is the
+Regions carry the label values of the volume in the cell array `region`, their names in the field array `region_names`.
+A finer mesh follows thin tissue better: `mislabelled` is the
 share of the tissue that lies in elements of another region. About 3,000 nodes suit a simulator's loop, 10,000 a study.
 `insonify mesh info FILE` looks into the result.";
 

@@ -62,9 +62,10 @@ pub fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> V
         ));
     }
     if beyond as f64 > BEYOND * samples as f64 {
-        found.push(
-            "more than 5 % of the field of view behind the skin lies outside the volume and stays black".to_owned(),
-        );
+        found.push(format!(
+            "more than {:.0} % of the field of view behind the skin lies outside the volume and stays black",
+            100.0 * BEYOND
+        ));
     }
     found
 }

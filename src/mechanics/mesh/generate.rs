@@ -186,7 +186,7 @@ pub enum GenerateError {
     },
     /// No budget tried is enough for this tissue.
     #[error(
-        "no mesh of up to {nodes} nodes was found to fill this tissue, which is thin for its extent; ask for more nodes"
+        "no mesh of up to {nodes} nodes was found to fill this tissue, which is thin for its extent; check the sizes of its voxels, or mesh a part of it"
     )]
     TooThin {
         /// The largest budget tried.

@@ -1,4 +1,4 @@
-//! What a configuration of PLUS yields, for people and for scripts.
+//! Summary of a PLUS configuration, for people and for scripts.
 
 use std::fmt;
 use std::path::Path;

@@ -40,11 +40,34 @@ fn elements_without_volume_where_they_lie_are_refused() {
     assert_eq!(counted(&volume, 60).0.unwrap_err(), GenerateError::Far);
 }
 
+/// Tissue in an ellipsoid, `radius` of which 1 reaches the corners of the box, in sheared voxels.
+fn sheared(size: [usize; 3], spacing: [f64; 3], [x, y, z]: [f64; 3], radius: f64, around: u8) -> Volume {
+    let extent = [0, 1, 2].map(|axis| size[axis] as f64 * spacing[axis]);
+    let mut volume = Volume::new(size, spacing, |at| {
+        let off: f64 = (0..3).map(|axis| (2.0 * at[axis] / extent[axis] - 1.0).powi(2)).sum();
+        if off <= 3.0 * radius * radius { 1 } else { around }
+    });
+    volume.index_to_world =
+        Matrix3::new(1.0, x, y, 0.0, 1.0, z, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
+    volume
+}
+
+/// A volume for which 29,696 nodes were found to be the least by 17 billion units of work.
 #[test]
 fn search_for_the_least_budget_is_bounded() {
-    let mut volume = Volume::new([3, 3, 6], [1.0, 582.5, 1.0], |at| u8::from((at[2] - 3.0).abs() < 2.0));
-    volume.index_to_world =
-        Matrix3::new(1.0, -2.7, -14.3, 0.0, 1.0, 4.3, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
+    let shear = [
+        -1.386_804_621_554_911_f64,
+        -2.404_079_483_987_751,
+        1.623_190_127_311_949,
+    ]
+    .map(|x| x * x * x);
+    let volume = sheared(
+        [3, 3, 6],
+        [1.0, 10f64.powf(2.765_359_259_363_994), 1.0],
+        shear,
+        0.344_375_693_969_463,
+        0,
+    );
     let (found, work) = counted(&volume, 8);
     assert!(
         matches!(
@@ -69,13 +92,7 @@ proptest! {
         around in 0u8..3,
     ) {
         let spacing = lengths.map(|length| 10f64.powf(length));
-        let extent = [0, 1, 2].map(|axis| size[axis] as f64 * spacing[axis]);
-        let mut volume = Volume::new(size, spacing, |at| {
-            let off: f64 = (0..3).map(|axis| (2.0 * at[axis] / extent[axis] - 1.0).powi(2)).sum();
-            if off <= 3.0 * radius * radius { 1 } else { around }
-        });
-        let [x, y, z] = shear.map(|x| x * x * x);
-        volume.index_to_world = Matrix3::new(1.0, x, y, 0.0, 1.0, z, 0.0, 0.0, 1.0).to_homogeneous() * volume.index_to_world;
+        let volume = sheared(size, spacing, shear.map(|x| x * x * x), radius, around);
         let (found, work) = counted(&volume, nodes);
         let most = nodes as u64 * PER_NODE + 2 * budget::MOST_SEARCH;
         prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, found.map(|found| found.report));
