@@ -66,6 +66,7 @@ fn finite(needle: Box<dyn Needle>, with_probe: bool) -> Finite {
         materials: vec![Material::new(20.0, 0.45).expect("a material"); mesh.elements().len()],
         fixed: floor.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(mesh.regions()[0], interaction)],
+        anatomy: None,
         needle,
         probe: with_probe.then(|| probe(&mesh)),
         level: Level::Exact,

@@ -100,6 +100,7 @@ fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
             materials: vec![Material::new(20.0, 0.45)?; mesh.elements().len()],
             fixed: fixed.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
             interactions: vec![(mesh.regions()[0], tissue)],
+            anatomy: None,
             needle: Box::new(Springs::new(SHAFT, Stiffness::default(), LINK_MM, Some(bevel))?),
             probe: None,
             level: Level::Exact,

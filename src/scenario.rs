@@ -34,6 +34,7 @@ mod cylinder;
 mod error;
 mod file;
 mod instruments;
+mod labels;
 mod mesh;
 mod model;
 mod needle;

@@ -238,6 +238,42 @@ impl LabelVolume {
         }
         Some(self.voxels[self.offset(voxel)])
     }
+
+    /// The label of a point (world, mm) by trilinear weights: 0 where labels that are not `wanted` have half of them, or else the one
+    /// that has most. Its boundaries are smooth where those of the nearest voxels are stairs. The lowest of equals; none outside the
+    /// volume.
+    pub fn smoothed_label_at(&self, world: &Point3<f64>, wanted: impl Fn(u8) -> bool) -> Option<u8> {
+        let index = self.world_to_index.transform_point(world);
+        let mut pairs = [[(0, 0.0); 2]; 3];
+        for axis in 0..3 {
+            let last = self.size[axis] as f64 - 1.0;
+            if !(index[axis] >= -0.5 && index[axis] < last + 0.5) {
+                return None;
+            }
+            let at = index[axis].clamp(0.0, last);
+            let (low, share) = (at.floor(), at - at.floor());
+            pairs[axis] = [(low as usize, 1.0 - share), ((low + 1.0).min(last) as usize, share)];
+        }
+        let [x, y, z] = pairs;
+        let mut shares = [(0u8, 0.0f64); 8];
+        for (corner, out) in shares.iter_mut().enumerate() {
+            let [x, y, z] = [x[corner & 1], y[corner >> 1 & 1], z[corner >> 2]];
+            let label = self.voxels[self.offset([x.0, y.0, z.0])];
+            *out = (if wanted(label) { label } else { 0 }, x.1 * y.1 * z.1);
+        }
+        let total = |label: u8| shares.iter().filter(|it| it.0 == label).map(|it| it.1).sum::<f64>();
+        if total(0) >= 0.5 {
+            return Some(0);
+        }
+        let mut best = (0, f64::NEG_INFINITY);
+        for (label, _) in shares.into_iter().filter(|it| it.0 > 0) {
+            let share = total(label);
+            if share > best.1 || (share == best.1 && label < best.0) {
+                best = (label, share);
+            }
+        }
+        Some(best.0)
+    }
 }
 
 /// The inverse of an index-to-world transform, if both are finite.

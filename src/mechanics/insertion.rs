@@ -4,6 +4,7 @@
 //! it is a finite element model, a mass-spring model, or one of tissue that stiffens and creeps; all hand the same things to image and
 //! hand.
 
+mod anatomy;
 pub mod finite;
 mod interaction;
 pub mod nonlinear;
@@ -16,6 +17,7 @@ pub mod spring;
 use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;
+pub use anatomy::{Anatomy, MeshRegions};
 pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use parts::InvalidPart;

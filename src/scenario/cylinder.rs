@@ -1,21 +1,17 @@
 //! Masses and springs: the cylinder of tissue, and what lies where before there is one.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-
-use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
+use super::labels::Labels;
 use super::tissue::TissueModel;
-use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
-use crate::mechanics::insertion::{Interaction, Model, Snapshot, Tissue};
+use crate::mechanics::insertion::spring::{MassSpring, Parameters};
+use crate::mechanics::insertion::{Model, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{Rigid, Shaft};
 use crate::tracking::trajectory::Trajectory;
-use crate::volume::LabelVolume;
 
 /// How much longer than the way of the tip the cylinder is where a scenario states no length: its far end is fixed.
 const BEYOND: f64 = 1.25;
@@ -49,25 +45,6 @@ pub struct CylinderSpec {
     pub most_substeps: Option<u32>,
 }
 
-/// What lies where in a volume, and what it does to a needle.
-#[derive(Clone, Debug)]
-pub(super) struct Labels {
-    pub volume: Arc<LabelVolume>,
-    pub interactions: BTreeMap<i32, Interaction>,
-}
-
-impl Anatomy for Labels {
-    fn region(&self, point_mm: &Point3<f64>) -> Option<i32> {
-        let label = self.volume.label_index_at(point_mm)?;
-        let region = i32::try_from(self.volume.labels()[usize::from(label)].value).ok()?;
-        self.interactions.contains_key(&region).then_some(region)
-    }
-
-    fn interaction(&self, region: i32) -> Interaction {
-        self.interactions.get(&region).copied().unwrap_or_default()
-    }
-}
-
 impl ScenarioFile {
     /// The numbers of the cylinder, if tissue is one.
     pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, ScenarioError> {
@@ -85,6 +62,7 @@ impl ScenarioFile {
             ("level", spec.level.is_some()),
             ("precision", spec.precision.is_some()),
             ("columns", spec.columns.is_some()),
+            ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
             ("mesh", spec.mesh.is_some()),
             ("region_array", spec.region_array.is_some()),
             ("nodes", spec.nodes.is_some()),

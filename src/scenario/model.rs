@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 
-use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
 use super::instruments::BevelSpec;
 use super::needle::Bending;
@@ -34,11 +33,7 @@ impl Scenario {
             self.file.fault(key, Wrong::NeedleModel(error))
         })?;
         if let Some(parameters) = self.cylinder {
-            let labels = Labels {
-                volume: Arc::clone(&self.scene.anatomy.volume),
-                interactions: self.interactions.iter().copied().collect(),
-            };
-            let springs = MassSpring::new(parameters, Box::new(labels), needle);
+            let springs = MassSpring::new(parameters, Box::new(Arc::clone(&self.anatomy)), needle);
             return Ok(Box::new(springs.map_err(|error| self.file.spring_fault(error))?));
         }
         if let Some(stiffened) = &self.stiffened {
@@ -50,12 +45,14 @@ impl Scenario {
             materials: self.materials.clone(),
             fixed: self.fixed.clone(),
             interactions: self.interactions.clone(),
+            anatomy: Some(Arc::clone(&self.anatomy)),
             needle,
             probe: self.contact.as_ref().map(|contact| contact.probe.clone()),
             level: self.modelling.level,
             precision: self.modelling.precision,
             options: Options {
                 dense,
+                spacing_mm: self.modelling.contact_spacing_mm,
                 ..Options::default()
             },
         };
@@ -79,6 +76,7 @@ impl Scenario {
             laws: stiffened.laws.clone(),
             fixed: self.fixed.clone(),
             interactions: self.interactions.clone(),
+            anatomy: Some(Arc::clone(&self.anatomy)),
             shaft: self.shaft(),
             viscosity: stiffened.viscosity,
             options: stiffened.options,

@@ -15,8 +15,8 @@ use crate::volume::LabelVolume;
 
 /// Young's modulus from which a tissue is rigid unless a scenario says otherwise, kPa.
 pub(super) const RIGID_KPA: f64 = 1e6;
-/// Bone where a scenario states no other, felt as a stop: a hand that pushes with up to 20 N has the tip where it would have it
-/// freely, within 0.5 mm; every mm farther takes 40 N more and moves the tip no deeper.
+/// Bone where a scenario states no other, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices
+/// render.
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 40.0,
     penetration_mm: 0.5,

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::clearance;
-use super::cylinder::Labels;
 use super::error::{ScenarioError, Wrong};
 use super::file::{RunSpec, ScenarioFile};
+use super::labels::{Labels, unmeshed};
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
@@ -17,7 +17,7 @@ use super::regions::Regions;
 use super::stiffened::Stiffened;
 use super::tissue::{ColumnsName, TissueModel};
 use crate::mechanics::insertion::spring::Parameters;
-use crate::mechanics::insertion::{Instruments, Interaction};
+use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -62,7 +62,7 @@ impl Timing {
 }
 
 /// How tissue is to be modelled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modelling {
     /// The model.
     pub model: TissueModel,
@@ -72,6 +72,8 @@ pub struct Modelling {
     pub precision: Precision,
     /// Finite elements: where it comes from.
     pub columns: ColumnsName,
+    /// Finite elements: least distance between nodes on the needle, mm.
+    pub contact_spacing_mm: f64,
 }
 
 /// A scenario that can be run: every file read, every number in its range, the mesh made.
@@ -89,9 +91,11 @@ pub struct Scenario {
     pub materials: Vec<Material>,
     /// Node and axis of each displacement that is held, ascending.
     pub fixed: Vec<(u32, u8)>,
-    /// What each region of the mesh does to a needle, ascending.
+    /// What each region does to a needle, ascending.
     pub interactions: Vec<(i32, Interaction)>,
-    /// What each region of the mesh is called.
+    /// What the needle meets: the labels of the volume, or the regions of a mesh that was read.
+    pub anatomy: Arc<dyn Anatomy>,
+    /// What each region is called.
     pub region_names: BTreeMap<i32, String>,
     /// How tissue is modelled.
     pub modelling: Modelling,
@@ -167,6 +171,7 @@ struct Made {
     materials: Vec<Material>,
     fixed: Vec<(u32, u8)>,
     interactions: Vec<(i32, Interaction)>,
+    anatomy: Arc<dyn Anatomy>,
     region_names: BTreeMap<i32, String>,
     contact: Option<Contact>,
 }
@@ -215,8 +220,14 @@ impl ScenarioFile {
             Some(parameters) => file.springs_of(&scene, parameters)?,
             None => file.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
         };
+        warnings.extend(unmeshed(
+            &scene,
+            path.tip(),
+            tissue.anatomy.as_ref(),
+            file.tissue.mesh.is_some(),
+        ));
         if stiffening.is_some() {
-            file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, &tissue.interactions)?;
+            file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
@@ -229,6 +240,7 @@ impl ScenarioFile {
             materials: tissue.materials,
             fixed: tissue.fixed,
             interactions: tissue.interactions,
+            anatomy: tissue.anatomy,
             region_names: tissue.region_names,
             cylinder: tissue.cylinder,
             contact: tissue.contact,
@@ -284,20 +296,30 @@ impl ScenarioFile {
         let meshed = self.mesh(scene, base_dir, progress, notes, warnings)?;
         let regions = Regions::new(self, scene, &meshed.names);
         let mut present = meshed.mesh.regions().to_vec();
+        if self.tissue.mesh.is_none() {
+            present.extend(self.labelled(&regions)?);
+        }
         present.sort_unstable();
         present.dedup();
         let made_of = regions.made_of(&present)?;
-        let fixed = self.fixed(&meshed.mesh, &regions, &made_of, notes, warnings)?;
-        let of_elements = meshed.mesh.regions().iter();
+        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
+        let mesh = Arc::new(meshed.mesh);
+        let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {
+            Some(_) => Arc::new(MeshRegions::new(&mesh, &interactions)),
+            None => Arc::new(Labels::new(&scene.anatomy.volume, &interactions, self.tissue.box_mm)),
+        };
+        let fixed = self.fixed(&mesh, &regions, &made_of, notes, warnings)?;
+        let of_elements = mesh.regions().iter();
         Ok(Made {
             cylinder: None,
             laws: of_elements.clone().map(|region| made_of[region].law).collect(),
             materials: of_elements.map(|region| made_of[region].material).collect(),
-            interactions: made_of.iter().map(|(region, of)| (*region, of.interaction)).collect(),
+            interactions,
+            anatomy,
             region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
-            contact: self.contact(scene, &meshed.mesh, &fixed, &regions)?,
+            contact: self.contact(scene, &mesh, &fixed, &regions)?,
             fixed,
-            mesh: Arc::new(meshed.mesh),
+            mesh,
         })
     }
 
@@ -305,22 +327,10 @@ impl ScenarioFile {
     fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
-        let outside = self.outside(&regions)?;
-        let volume = &scene.anatomy.volume;
-        let labels = volume
-            .labels()
-            .iter()
-            .enumerate()
-            .skip(1)
-            .filter(|(index, _)| volume.holds(*index));
-        let present = labels.filter_map(|(_, label)| i32::try_from(label.value).ok());
-        let present: Vec<i32> = present.filter(|region| !outside.contains(region)).collect();
+        let present = self.labelled(&regions)?;
         let made_of = regions.made_of(&present)?;
         let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
-        let labels = Labels {
-            volume: Arc::clone(volume),
-            interactions: interactions.iter().copied().collect(),
-        };
+        let labels = Labels::new(&scene.anatomy.volume, &interactions, None);
         Ok(Made {
             mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
             cylinder: Some(parameters),
@@ -328,9 +338,19 @@ impl ScenarioFile {
             materials: Vec::new(),
             fixed: Vec::new(),
             interactions,
+            anatomy: Arc::new(labels),
             region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
             contact: None,
         })
+    }
+
+    /// Regions of the labels that the volume holds, but for those that are left out.
+    fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+        let (outside, volume) = (self.outside(regions)?, regions.volume());
+        let labels = volume.labels().iter().enumerate().skip(1);
+        let held = labels.filter(|(index, _)| volume.holds(*index));
+        let numbers = held.filter_map(|(_, label)| i32::try_from(label.value).ok());
+        Ok(numbers.filter(|region| !outside.contains(region)).collect())
     }
 
     fn during(&self, timing: &Timing, time_s: f64) -> bool {
@@ -402,7 +422,10 @@ impl ScenarioFile {
             let found = format!("columns on demand at level {level}, which keeps a dense inverse");
             return Err(self.wrong_keys("tissue.columns", found, "`dense`, or the exact level"));
         }
+        let spacing = spec.contact_spacing_mm.unwrap_or(1.0);
+        let range = |x: f64| (0.1..=100.0).contains(&x);
         Ok(Modelling {
+            contact_spacing_mm: self.number("tissue.contact_spacing_mm", spacing, range, "0.1 to 100 mm")?,
             model: spec.model,
             level,
             precision,

@@ -9,7 +9,7 @@ use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
-use crate::mechanics::insertion::Interaction;
+use crate::mechanics::insertion::Anatomy;
 use crate::mechanics::insertion::nonlinear::{InvalidSetup, Options, Viscosity, in_body, obstacle};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
@@ -114,6 +114,7 @@ impl ScenarioFile {
             ("level", spec.level.is_some()),
             ("precision", spec.precision.is_some()),
             ("columns", spec.columns.is_some()),
+            ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
         ];
         if let Some((key, _)) = of_linear.iter().find(|(_, given)| *given) {
             let found = format!("`{key}` of tissue that stiffens, whose mesh does not change");
@@ -177,7 +178,7 @@ impl ScenarioFile {
         needle: &NeedleSettings,
         mesh: &TetMesh,
         laws: &[Stiffening],
-        interactions: &[(i32, Interaction)],
+        anatomy: &dyn Anatomy,
     ) -> Result<(), ScenarioError> {
         let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Body(error)))?;
         let place = |key: &Key| {
@@ -196,11 +197,6 @@ impl ScenarioFile {
             };
             self.wrong_keys(key, found, expected)
         };
-        let bones = |region: i32| {
-            interactions
-                .iter()
-                .any(|(of, does)| *of == region && does.bone.is_some())
-        };
         for pair in path.keys().windows(2) {
             let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
             let way = to - from;
@@ -215,8 +211,8 @@ impl ScenarioFile {
                 let expected = "one that goes along its axis until it is out: this model has no sideways moves";
                 return Err(blame(&pair[1], found, expected));
             }
-            let met = obstacle(&body, mesh.regions(), &from, &direction, way.dot(&direction), bones);
-            if let Some((_, at_mm)) = met.filter(|_| sideways <= SIDEWAYS_MM) {
+            let met = obstacle(anatomy, &from, &direction, way.dot(&direction));
+            if let Some(at_mm) = met.filter(|_| sideways <= SIDEWAYS_MM) {
                 let found = format!(
                     "a needle that meets bone {at_mm:.1} mm on its way, by {} s",
                     pair[1].time_s

@@ -70,7 +70,7 @@ pub struct StepMs {
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Happened {
-    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `out`, `seed`, `not-remeshed`, `not-converged` or `crushed`.
+    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`, `not-converged` or `crushed`.
     pub kind: &'static str,
     /// What, for people.
     pub text: String,
@@ -123,6 +123,7 @@ fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
         EventKind::Puncture => format!("{surface} punctured"),
         EventKind::Region => format!("entering {region}"),
         EventKind::Bone => format!("bone met: {region}"),
+        EventKind::Critical => format!("critical structure entered: {region}"),
         EventKind::Out => "needle out of the body".to_owned(),
         EventKind::Seed => format!("seed left in {region}"),
         EventKind::NotRemeshed => "the mesh does not follow the tip".to_owned(),
@@ -292,6 +293,23 @@ impl<'a> Tally<'a> {
                  one is imaged"
             ));
         }
+        for (kind, what) in [
+            (EventKind::Bone, "the needle hit bone"),
+            (EventKind::Critical, "the needle entered a critical structure"),
+        ] {
+            let met = summary.events.iter().filter(|event| event.kind == kind.name());
+            let mut regions: Vec<&str> = met.clone().filter_map(|event| event.region.as_deref()).collect();
+            regions.sort_unstable();
+            regions.dedup();
+            if let Some(first) = met.clone().next() {
+                let (at, named) = (first.time_s, regions.join(", "));
+                let times = match met.count() {
+                    1 => format!("at {at:.2} s"),
+                    times => format!("{times} times, first at {at:.2} s"),
+                };
+                summary.warnings.push(format!("{what}: {named} ({times})"));
+            }
+        }
         let count = |kind: EventKind| summary.events.iter().filter(|event| event.kind == kind.name()).count();
         for (kind, what) in [
             (
@@ -300,7 +318,8 @@ impl<'a> Tally<'a> {
             ),
             (
                 EventKind::NotRemeshed,
-                "the mesh did not follow the tip, where forces are less exact: a finer mesh helps (`tissue.nodes`, `tissue.box_mm`)",
+                "the mesh did not follow the tip, as no node could be moved there without spoiling an element; the needle is held by the \
+                 nodes before and after, and forces are less exact there (a finer mesh helps: `tissue.nodes`)",
             ),
         ] {
             let times = count(kind);

@@ -40,6 +40,9 @@ pub struct TissueSpec {
     pub precision: Option<PrecisionName>,
     /// Where the compliance comes from. Default `on-demand` for the exact level, `dense` for all others.
     pub columns: Option<ColumnsName>,
+    /// Least distance between nodes on the needle, mm (0.1 to 100; finite elements): a node of the mesh is moved to the tip when that has left
+    /// all elements around the last one and is as far from it. Default 1.
+    pub contact_spacing_mm: Option<f64>,
     /// The cylinder of a mass-spring model.
     pub cylinder: Option<CylinderSpec>,
     /// How steps of a nonlinear or viscoelastic model are solved.
@@ -151,15 +154,18 @@ pub struct MaterialSpec {
     pub cutting_n: Option<f64>,
     /// Force at the tip that breaks the surface of this tissue, N (0 or more). Default 0: none beyond `cutting_n`.
     pub puncture_n: Option<f64>,
-    /// More force along the shaft near the advancing tip. Default: none.
+    /// Another force along the shaft near the advancing tip. Default: none.
     pub peak: Option<PeakSpec>,
     /// The needle is stopped, as by bone. Default: only where the region is rigid.
     pub bone: Option<BoneSpec>,
+    /// The needle must not enter it, as a large vessel: an event and a warning tell if it does. Default false.
+    pub critical: Option<bool>,
     /// All nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of bone.
     pub rigid: Option<bool>,
 }
 
-/// More force near the advancing tip.
+/// The three-parameter force of Dehghan et al. 2008: within `width_mm` of the tip, while that cuts, the shaft meets this force per
+/// length in place of `friction_n_per_mm`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PeakSpec {
@@ -169,14 +175,14 @@ pub struct PeakSpec {
     pub width_mm: f64,
 }
 
-/// Bone. A force on the tip grows with how far the hand would have it in the bone, without a bound; the tip itself comes no deeper
-/// than `penetration_mm`.
+/// Bone. The force on the tip grows in proportion to its depth in the bone, up to `stiffness_n_per_mm` x `penetration_mm`: then the
+/// needle stops, and stays behind the hand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoneSpec {
-    /// Force for each mm that the hand would have the tip in it, N/mm (above 0).
+    /// Force for each mm of depth, N/mm (above 0). Default for bone 40.
     pub stiffness_n_per_mm: f64,
-    /// The depth that the tip comes to at most, mm (above 0): beyond, the needle stays behind the hand.
+    /// The depth at which the needle stops, mm (above 0). Default for bone 0.5: the hand feels 20 N at most.
     pub penetration_mm: f64,
 }
 
@@ -214,6 +220,7 @@ impl MaterialSpec {
                     penetration_mm: bone.penetration_mm,
                 })
             }),
+            critical: self.critical.unwrap_or(usual.critical),
         }
     }
 }

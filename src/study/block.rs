@@ -19,6 +19,7 @@ pub const USUAL: Interaction = Interaction {
     puncture_n: 1.0,
     peak: None,
     bone: None,
+    critical: false,
 };
 
 /// A bevel as of a brachytherapy needle, over a part of 10 mm.
@@ -62,6 +63,7 @@ pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, nee
         materials: vec![material; mesh.elements().len()],
         fixed: held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(0, interaction)],
+        anatomy: None,
         needle,
         probe: None,
         level: Level::Exact,

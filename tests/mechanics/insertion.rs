@@ -1,5 +1,6 @@
 //! Needle insertion by finite elements: forces, states, paths, and what must hold of them.
 
+mod anatomy;
 mod bending;
 mod contact;
 mod edges;

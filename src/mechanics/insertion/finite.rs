@@ -2,6 +2,7 @@
 //! (Goksel et al. 2011, sections III to V).
 
 mod ahead;
+mod channel;
 mod contact;
 mod entry;
 mod fetch;
@@ -28,14 +29,14 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
-use crate::mechanics::mesh::{Locator, NONE, TetMesh};
+use super::{Anatomy, Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::Adaptation;
 use ahead::Outlook;
+use channel::Channel;
 use contact::Contact;
-use friction::Interactions;
 use imager::FiniteImager;
 use joint::{Joint, Yielding};
 use nearby::Nearby;
@@ -48,10 +49,14 @@ use tip::Tip;
 /// Finite elements with a needle in them.
 pub struct Finite {
     mesh: Arc<TetMesh>,
-    locator: Locator<f64>,
+    locator: Arc<Locator<f64>>,
+    /// Elements at the faces of the surface at rest, and the centres of these (mm).
+    surface: Vec<(u32, Point3<f64>)>,
+    /// Whether each node lies there.
+    on_surface: Vec<bool>,
     factor: Arc<Factor>,
     adaptation: Adaptation,
-    interactions: Interactions,
+    anatomy: Arc<dyn Anatomy>,
     needle: Box<dyn Needle>,
     press: Option<Press>,
     options: Options,
@@ -72,6 +77,7 @@ pub struct Finite {
     /// Where nodes that have come off still act on the needle, mm; their forces stand behind the others.
     fading: Vec<f64>,
     tip: Tip,
+    channel: Channel,
     seeds: Vec<Point3<f64>>,
     outcome: Outcome,
 
@@ -217,8 +223,9 @@ impl Finite {
             }
             on_probe = Some(wrench);
         }
-        self.needle
-            .place(base, self.entry.as_ref(), &[], &[], &mut self.memory.before);
+        // The straight needle as it is measured, its bevel included; at bone it stays behind the hand.
+        let measured = self.tip.held(base);
+        self.needle.place(&measured, None, &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
         let at_rest = self.tip_at_rest();
         let bare = self.depth_of_bare();
@@ -255,8 +262,7 @@ fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
 impl Model for Finite {
     fn start(&mut self, instruments: &Instruments) {
         let tip = instruments.base * Point3::new(0.0, 0.0, self.needle.length_mm());
-        let outside = |finite: &Finite| finite.locator.locate(tip.into(), NONE).element == NONE;
-        if self.steps == 0 && numbers(&instruments.base).all(f64::is_finite) && outside(self) {
+        if self.steps == 0 && numbers(&instruments.base).all(f64::is_finite) && self.anatomy.region(&tip).is_none() {
             self.base = Some(instruments.base);
         }
     }

@@ -3,22 +3,23 @@
 use serde::{Deserialize, Serialize};
 
 /// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
-/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". The
-/// shaft density is [`Interaction::friction_n_per_mm`].
+/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from the tip it is
+/// [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that it lies in, so that the force is
+/// continuous where the tip crosses from one tissue into another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
-    /// Force per length within `width_mm` of the tip while the needle advances, N/mm (0 or more).
+    /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there, N/mm (0 or more).
     pub density_n_per_mm: f64,
     /// mm (above 0).
     pub width_mm: f64,
 }
 
-/// Bone: a penalty force on the tip, against the way that it came, grows with how far the hand would have the tip in the bone,
-/// without a bound. The tip itself comes no deeper than `penetration_mm`: from there on the needle stays behind the hand, which
-/// feels that it pushes it on.
+/// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The tip comes no deeper than
+/// `penetration_mm`: from there on the needle stays behind the hand, and the force stays at its limit,
+/// `stiffness_n_per_mm` x `penetration_mm`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bone {
-    /// Force for each mm that the hand would have the tip in the bone, N/mm (above 0).
+    /// Force for each mm of depth, N/mm (above 0).
     pub stiffness_n_per_mm: f64,
     /// The depth that the tip comes to at most, mm (above 0). At the end of the step in which bone is met, masses and springs may
     /// have it deeper by what it goes on in one part of that step.
@@ -28,7 +29,7 @@ pub struct Bone {
 impl Bone {
     /// The size of the penalty where the hand would have the tip `asked_mm` deep, N.
     pub(super) fn force_n(&self, asked_mm: f64) -> f64 {
-        self.stiffness_n_per_mm * asked_mm.max(0.0)
+        self.stiffness_n_per_mm * asked_mm.clamp(0.0, self.penetration_mm)
     }
 
     /// How far the needle then stays behind the hand, mm.
@@ -49,10 +50,12 @@ pub struct Interaction {
     /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, tissue is pushed ahead
     /// until it is reached.
     pub puncture_n: f64,
-    /// More force near the advancing tip.
+    /// Another force along the shaft near the advancing tip.
     pub peak: Option<Peak>,
     /// The tissue is bone.
     pub bone: Option<Bone>,
+    /// The tissue must not be hit: that is told.
+    pub critical: bool,
 }
 
 impl Default for Interaction {
@@ -65,6 +68,7 @@ impl Default for Interaction {
             puncture_n: 0.0,
             peak: None,
             bone: None,
+            critical: false,
         }
     }
 }
@@ -82,6 +86,16 @@ pub struct InvalidInteraction {
 }
 
 impl Interaction {
+    /// Sliding force on a length of shaft in this tissue that lies from `near_mm` to `far_mm` behind the tip, N: while the tip `cuts`,
+    /// the part near it has the density of the peak.
+    pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cuts: bool) -> f64 {
+        let peak = self.peak.filter(|_| cuts).map_or([0.0; 2], |peak| {
+            let within = (far_mm.min(peak.width_mm) - near_mm).max(0.0);
+            [within, within * peak.density_n_per_mm]
+        });
+        (far_mm - near_mm - peak[0]).max(0.0) * self.friction_n_per_mm + peak[1]
+    }
+
     /// Checks every number against its range.
     ///
     /// # Errors
@@ -125,20 +139,37 @@ impl Interaction {
 mod tests {
     use super::*;
 
-    /// The penalty has no bound, the depth has one.
+    /// Depth and force are limited, what the needle stays behind is not.
     #[test]
-    fn bone_pushes_back_by_how_far_the_hand_is_too_far() {
+    fn bone_pushes_back_up_to_a_limit() {
         let bone = Bone {
             stiffness_n_per_mm: 40.0,
             penetration_mm: 0.5,
         };
-        for (asked, force, behind) in [
-            (-1.0, 0.0, 0.0),
-            (0.25, 10.0, 0.0),
-            (0.5, 20.0, 0.0),
-            (10.0, 400.0, 9.5),
-        ] {
+        for (asked, force, behind) in [(-1.0, 0.0, 0.0), (0.25, 10.0, 0.0), (0.5, 20.0, 0.0), (10.0, 20.0, 9.5)] {
             assert_eq!((bone.force_n(asked), bone.behind_mm(asked)), (force, behind));
+        }
+    }
+
+    /// Within 6 mm of the tip 0.1 N/mm, behind that 0.02 N/mm.
+    #[test]
+    fn the_peak_replaces_the_friction_near_the_tip() {
+        let tissue = Interaction {
+            friction_n_per_mm: 0.02,
+            peak: Some(Peak {
+                density_n_per_mm: 0.1,
+                width_mm: 6.0,
+            }),
+            ..Interaction::default()
+        };
+        for (from, to, cutting, resting) in [
+            (0.0, 6.0, 0.6, 0.12),
+            (2.0, 10.0, 0.4 + 0.08, 0.16),
+            (7.0, 9.0, 0.04, 0.04),
+            (3.0, 3.0, 0.0, 0.0),
+        ] {
+            let forces = [true, false].map(|cuts| tissue.shaft_n([from, to], cuts));
+            assert!((forces[0] - cutting).abs() < 1e-15 && (forces[1] - resting).abs() < 1e-15);
         }
     }
 

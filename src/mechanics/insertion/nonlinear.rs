@@ -24,8 +24,9 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+use super::anatomy::interaction;
 use super::pushing::{Phase, Pushing};
-use super::{EventKind, Field, Imager, Instruments, Interaction, Model, Outcome, Saved, Snapshot, StepError};
+use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
 use imager::Unchanging;
@@ -43,7 +44,7 @@ const HALVINGS: u32 = 6;
 #[derive(Debug)]
 pub struct Nonlinear {
     mesh: Arc<TetMesh>,
-    interactions: Vec<(i32, Interaction)>,
+    anatomy: Arc<dyn Anatomy>,
     shaft: Shaft,
     options: Options,
     /// What all that is fixed about the model says, to tell saved states of others.
@@ -96,17 +97,14 @@ impl Nonlinear {
     /// Finds the way of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.way = Some(Way::find(&body, self.mesh.regions(), tip, direction));
+        self.way = Some(Way::find(&body, self.anatomy.as_ref(), tip, direction));
         self.take_way();
     }
 
     /// Puts the needle on its way.
     fn take_way(&mut self) {
-        let interactions = &self.interactions;
-        let of = |region: i32| {
-            let found = interactions.binary_search_by_key(&region, |(region, _)| *region);
-            found.map_or_else(|_| Interaction::default(), |at| interactions[at].1)
-        };
+        let anatomy = self.anatomy.as_ref();
+        let of = |region: i32| interaction(anatomy, Some(region));
         let way = self.way.as_ref().filter(|way| !way.regions.is_empty());
         let aimed = way.map(|way| {
             self.needle

@@ -39,7 +39,8 @@ pub struct Outcome {
     pub tip_mm: Point3<f64>,
     /// Where the tissue at the tip is at rest, mm; none outside.
     pub tip_at_rest_mm: Option<Point3<f64>>,
-    /// How far the tip is from where that of the unloaded needle would be, mm.
+    /// How far the tip is from that of the needle as it is measured at its base, mm: straight, its bevel included, nothing on it. At
+    /// bone the needle is where it was stopped, not where the hand is.
     pub tip_deflection_mm: f64,
     /// How deep the tip is along the path in the tissue, mm: 0 outside.
     pub inserted_mm: f64,
@@ -100,11 +101,14 @@ pub enum EventKind {
     Region,
     /// The tip meets bone.
     Bone,
+    /// The tip enters a region that must not be hit.
+    Critical,
     /// The tip has left the body.
     Out,
     /// A seed is left.
     Seed,
-    /// The tip could not be made a node: no corner fits.
+    /// The mesh could not follow the tip: no node could be moved there without spoiling an element. The needle goes on, held by the nodes
+    /// before and after.
     NotRemeshed,
     /// The step is not converged.
     NotConverged,
@@ -120,6 +124,7 @@ impl EventKind {
             EventKind::Puncture => "puncture",
             EventKind::Region => "region",
             EventKind::Bone => "bone",
+            EventKind::Critical => "critical",
             EventKind::Out => "out",
             EventKind::Seed => "seed",
             EventKind::NotRemeshed => "not-remeshed",

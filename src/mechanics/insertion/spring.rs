@@ -44,12 +44,10 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-use std::fmt::Debug;
-
 use nalgebra::{Isometry3, Point3, Translation3};
 
-use super::{EventKind, Field, Imager, Instruments, Interaction, Model, Outcome, Saved, Snapshot, StepError, Wrench};
-use crate::mechanics::needle::{Load, Needle};
+use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use crate::mechanics::needle::{CentreLine, Load, Needle};
 use body::Body;
 use contacts::Contacts;
 use cylinder::Cylinder;
@@ -58,15 +56,6 @@ pub use parameters::{InvalidParameters, LEAST_DIHEDRAL_DEG, MOST_NODES, Paramete
 
 /// The most parts that a step is cut into.
 pub const MOST_PARTS: usize = 4096;
-
-/// What lies where, and what it does to a needle.
-pub trait Anatomy: Send + Debug {
-    /// The region at a point of the undeformed body (mm); none outside the body.
-    fn region(&self, point_mm: &Point3<f64>) -> Option<i32>;
-
-    /// How a needle and this region act on each other. Numbers that fail [`Interaction::check`] count as the default.
-    fn interaction(&self, region: i32) -> Interaction;
-}
 
 /// The model.
 #[derive(Debug)]
@@ -81,6 +70,8 @@ pub struct MassSpring {
     /// Of the cylinder, to world.
     frame: Isometry3<f64>,
     loads: Vec<Load>,
+    /// The straight needle as it is measured at its base, its bevel included.
+    measured: CentreLine,
     skin_nodes: usize,
     least_dihedral_deg: f64,
     /// The shortest edge at home, mm.
@@ -112,6 +103,7 @@ impl MassSpring {
             outcome: Outcome::default(),
             frame: Isometry3::identity(),
             loads: Vec::with_capacity(most + 1),
+            measured: CentreLine::default(),
             skin_nodes,
             least_dihedral_deg,
         })
@@ -174,6 +166,11 @@ impl MassSpring {
     fn conclude(&mut self, instruments: &Instruments, parts: usize) {
         let tip = self.body.line.tip();
         let length = self.body.line.length_mm();
+        let measured = self
+            .body
+            .hold
+            .map_or(instruments.base, |hold| hold.hold_back(&instruments.base, length));
+        self.needle.place(&measured, None, &[], &[], &mut self.measured);
         let inside = self.body.awake && !self.contacts.stack.is_empty();
         let found = inside
             .then(|| self.network.locate(&tip.coords, self.body.element))
@@ -197,7 +194,7 @@ impl MassSpring {
             },
             tip_mm: tip,
             tip_at_rest_mm: at_rest,
-            tip_deflection_mm: (tip - bone::unloaded_tip(&instruments.base, length)).norm(),
+            tip_deflection_mm: (tip - self.measured.tip()).norm(),
             inserted_mm: stack.first().map_or(0.0, |first| (length - first.arc).max(0.0)),
             contacts: stack.len(),
             stuck: stack.iter().filter(|contact| contact.stuck).count(),

@@ -7,6 +7,8 @@ use super::{NONE, TetMesh};
 pub struct Face {
     /// Its nodes.
     pub nodes: [u32; 3],
+    /// Its tetrahedron.
+    pub element: u32,
     /// The region of its tetrahedron.
     pub region: i32,
     /// Outward normal in the reference state, as long as the face is large, mm^2.
@@ -16,15 +18,15 @@ pub struct Face {
 impl TetMesh {
     /// Faces on the surface, by element.
     pub fn surface(&self) -> impl Iterator<Item = Face> + '_ {
-        let elements = self.elements.iter().zip(&self.neighbours).zip(&self.regions);
-        elements.flat_map(move |((corners, neighbours), &region)| {
+        (0..).zip(&self.neighbours).flat_map(move |(element, neighbours)| {
             let open = (0..4).filter(move |corner| neighbours[*corner] == NONE);
-            open.map(move |corner| self.face(*corners, corner, region))
+            open.map(move |corner| self.face(element, corner))
         })
     }
 
     /// The face of an element opposite to a corner.
-    fn face(&self, corners: [u32; 4], opposite: usize, region: i32) -> Face {
+    fn face(&self, element: u32, opposite: usize) -> Face {
+        let corners = self.elements[element as usize];
         let nodes = [1, 2, 3].map(|next| corners[(opposite + next) % 4]);
         let [a, b, c, inside] = [nodes[0], nodes[1], nodes[2], corners[opposite]]
             .map(|node| nalgebra::Vector3::from(self.nodes[node as usize]));
@@ -32,7 +34,8 @@ impl TetMesh {
         let outward = if area.dot(&(inside - a)) > 0.0 { -area } else { area };
         Face {
             nodes,
-            region,
+            element,
+            region: self.regions[element as usize],
             area_mm2: outward.into(),
         }
     }

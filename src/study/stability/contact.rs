@@ -1,5 +1,6 @@
 //! Contact, needle, time.
 
+mod anatomy;
 mod away;
 mod belt;
 mod bent;
@@ -77,7 +78,7 @@ pub const GROUP: Group = Group {
         },
         Case {
             name: "bone",
-            criterion: "hit at 1 mm and 10 mm a step: force finite, penetration no deeper than stated",
+            criterion: "hit at 1 mm and 10 mm a step: force at its limit, penetration no deeper than stated",
             covers: &["finite elements", "masses and springs"],
             seed: 69,
             run: bone::hit,
@@ -96,6 +97,41 @@ pub const GROUP: Group = Group {
             covers: &["finite elements", "masses and springs"],
             seed: 71,
             run: away::moved_far,
+        },
+        Case {
+            name: "a layer of a tenth of an element",
+            criterion: "1 mm in cells of 10 mm: broken once, where it lies to 0.15 mm, at its force to 0.1 N",
+            covers: &["finite elements"],
+            seed: 72,
+            run: anatomy::thin_layer,
+        },
+        Case {
+            name: "a path along an interface",
+            criterion: "0 and 0.5 degrees: no more crossings than one in 0.5 mm, no force beyond that of the tougher side",
+            covers: &["finite elements"],
+            seed: 73,
+            run: anatomy::interface,
+        },
+        Case {
+            name: "oblique entry",
+            criterion: "30 degrees to the skin: met where it lies, no force beyond puncture and friction",
+            covers: &["finite elements", "masses and springs"],
+            seed: 74,
+            run: anatomy::oblique,
+        },
+        Case {
+            name: "bone at a grazing angle",
+            criterion: "5 degrees: met once, force at its limit, no deeper than stated",
+            covers: &["finite elements", "masses and springs"],
+            seed: 75,
+            run: anatomy::grazed_bone,
+        },
+        Case {
+            name: "a tip that trembles at a border",
+            criterion: "0.05 mm, 1,000 steps: nothing crossed or broken again, no force beyond cutting",
+            covers: &["finite elements"],
+            seed: 76,
+            run: anatomy::wandering,
         },
     ],
 };

@@ -39,7 +39,7 @@ fn bony(range: [f64; 2]) -> Finite {
     ))
 }
 
-/// Bone that is the first thing the needle meets stops it at its surface, by what the hand is too far, until it is drawn back.
+/// Bone that is the first thing the needle meets stops it at its surface, with the force of its limit, until it is drawn back.
 #[test]
 fn bone_at_the_surface_stops_the_needle() {
     for step in [0.2, 1.0, 10.0] {
@@ -53,9 +53,10 @@ fn bone_at_the_surface_stops_the_needle() {
                 assert!(hand <= BONE.penetration_mm + 1e-9, "{step}: {outcome:?}");
             }
             let last = inward.last().expect("steps");
-            assert!((resistance(last) - 40.0 * 25.0).abs() < 1e-9, "{last:?}");
+            let limit = BONE.stiffness_n_per_mm * BONE.penetration_mm;
+            assert!((resistance(last) - limit).abs() < 1e-9, "{last:?}");
             assert!((last.inserted_mm - 0.5).abs() < 1e-9 && last.contacts == 0, "{last:?}");
-            assert!((last.tip_deflection_mm - 24.5).abs() < 1e-9, "{last:?}");
+            assert!(last.tip_deflection_mm < 1e-9, "{last:?}");
             // Saved there, it goes on as it is.
             let saved = finite.save();
             let deeper = go(&mut finite, 26.0);
@@ -86,7 +87,7 @@ fn bone_within_is_met_at_its_surface() {
         assert!(deepest <= 50.5 + 1e-9, "{step}: {deepest}");
         let last = inward.last().expect("steps");
         let friction = USUAL.friction_n_per_mm * last.inserted_mm + USUAL.cutting_n;
-        assert!((resistance(last) - 40.0 * 9.0).abs() < friction, "{step}: {last:?}");
+        assert!((resistance(last) - 20.0).abs() < friction, "{step}: {last:?}");
     }
 }
 

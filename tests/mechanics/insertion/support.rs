@@ -19,6 +19,7 @@ pub const USUAL: Interaction = Interaction {
     puncture_n: 1.0,
     peak: None,
     bone: None,
+    critical: false,
 };
 
 /// A block from the origin to `extent`, in cells of about `cell` mm, one region 0.
@@ -47,6 +48,7 @@ pub fn on_table(mesh: TetMesh, interaction: Interaction) -> Setup {
         materials: vec![Material::new(10.0, 0.45).expect("a material"); mesh.elements().len()],
         fixed: held.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(0, interaction)],
+        anatomy: None,
         needle: rigid(),
         probe: None,
         level: Level::Exact,

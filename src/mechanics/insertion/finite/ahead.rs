@@ -27,7 +27,7 @@ impl Finite {
         let Some(last) = self.contacts.last() else { return };
         let outlook = Outlook {
             mesh_step: self.adaptation.mesh().step(),
-            element: self.tip.element.map(|(element, _)| element),
+            element: self.tip.element,
             way: ((self.line.length_mm() - last.arc) / AGAIN_MM) as i64,
             withdraws,
         };
@@ -42,7 +42,7 @@ impl Finite {
 
     /// The corner that moves where the path, if it goes on straight, next wants a node.
     pub(super) fn next_corner(&self) -> Option<u32> {
-        let (mut element, _) = self.tip.element?;
+        let mut element = self.tip.element?;
         let last = self.contacts.last()?;
         let (mesh, spacing) = (self.adaptation.mesh(), self.options.spacing_mm);
         let ahead = self.line.at(self.line.length_mm()).tangent.into_inner();

@@ -8,7 +8,8 @@ use super::slider::Slider;
 /// A length of the path that the tip has cut behind a contact, in one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Layer {
-    pub region: i32,
+    /// None of tissue that is in no region.
+    pub region: Option<i32>,
     /// mm.
     pub length: f64,
 }
@@ -23,7 +24,7 @@ pub(super) struct Contact {
     pub arc: f64,
     pub slider: Slider,
     /// The region in front.
-    pub region: i32,
+    pub region: Option<i32>,
     /// How its place along the shaft changed last, for each mm that the base went on.
     pub drift: f64,
     /// The path from here to the next contact, or to the tip.
@@ -32,7 +33,7 @@ pub(super) struct Contact {
 
 impl Contact {
     /// The tip has gone on by a length (mm) in a region.
-    pub fn lengthen(&mut self, region: i32, length: f64) {
+    pub fn lengthen(&mut self, region: Option<i32>, length: f64) {
         match self.layers.last_mut() {
             Some(last) if last.region == region => last.length += length,
             _ => self.layers.push(Layer { region, length }),
@@ -67,14 +68,17 @@ mod tests {
             reference: Point3::origin(),
             arc: 0.0,
             slider: Slider::new(State::Stuck),
-            region: 1,
+            region: Some(1),
             drift: 0.0,
             layers: Vec::new(),
         };
-        contact.lengthen(1, 2.0);
-        contact.lengthen(1, 1.0);
-        contact.lengthen(2, 4.0);
-        let layer = |region, length| Layer { region, length };
+        contact.lengthen(Some(1), 2.0);
+        contact.lengthen(Some(1), 1.0);
+        contact.lengthen(Some(2), 4.0);
+        let layer = |region, length| Layer {
+            region: Some(region),
+            length,
+        };
         assert_eq!(contact.layers, [layer(1, 3.0), layer(2, 4.0)]);
         contact.shorten(5.0);
         assert_eq!(contact.layers, [layer(1, 3.0), layer(2, 2.0)]);

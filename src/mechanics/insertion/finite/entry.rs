@@ -1,42 +1,45 @@
 //! The way into the tissue and out of it.
 
-use nalgebra::Point3;
-
 use super::place::Place;
 use super::slider::State;
 use super::{EventKind, Finite};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 impl Finite {
-    /// The tip goes through the skin: the first node, on the surface where the needle crosses it. Whether one was made: bone that is
-    /// met there needs none, and where tissue is held there may be none to make.
+    /// The tip goes through the skin: the first node, where the needle crosses it. Whether one was made: bone that is met there needs
+    /// none, and where tissue is held there may be none to make.
     pub(super) fn pierce(&mut self, place: &Place) -> bool {
         let length = self.line.length_mm();
         let ShaftPoint { point_mm: tip, tangent } = self.line.at(length);
-        let Some((skin, face, depth)) = self.back_through(place, &tip, &-tangent.into_inner(), |_| true) else {
+        let Some(depth) = self.border_behind(&tangent, |region| region.is_some()) else {
             return false;
         };
-        let point_mm = tip - tangent.into_inner() * depth;
-        let region = self.mesh.regions()[skin.element as usize];
+        let back = tangent.into_inner() * depth;
+        let (point_mm, at_rest) = (tip - back, self.tip.reference - back);
+        let Some(region) = self.anatomy.region(&at_rest) else {
+            return false;
+        };
         self.note(EventKind::Skin, point_mm, Some(region));
         self.entry = Some(Entry {
             point_mm,
             direction: tangent,
         });
-        self.tip.element = Some((skin.element, region));
-        let bone = self.interactions.of(region).bone;
+        self.tip.element = Some(place.element);
+        (self.tip.region, self.tip.crossed, self.tip.outside) = (Some(region), at_rest, false);
+        let bone = self.of(region).bone;
         if let Some(bone) = &bone {
             self.meet_bone(bone, &point_mm, region);
         }
-        let at = Point3::from(self.adaptation.mesh().point(skin.element, skin.bary));
-        let inner = self.mesh.elements()[skin.element as usize][face];
-        let on_surface = self.move_corner(skin.element, at, |node| node != inner);
-        // Where no corner of the face can be moved along it, the tip becomes a node inside.
+        // A node of the mesh's surface, so that the surface comes to where that of the body is.
+        let skin = self.walk_at_rest(&at_rest, place.element);
+        let skin = skin.and_then(|skin| self.corner(skin.element, at_rest, |node| self.on_surface[node as usize]));
+        let on_surface = skin.filter(|node| self.move_node(*node, at_rest));
+        // Where none can be moved there, the tip becomes a node inside.
         let made = match on_surface {
             Some(node) => Some((node, length - depth)),
             None if bone.is_some() => None,
             None => self
-                .move_corner(place.element, self.tip.reference, |_| true)
+                .move_corner(place.element, self.tip.reference)
                 .map(|node| (node, length)),
         };
         let Some((node, arc)) = made else {
@@ -46,8 +49,10 @@ impl Finite {
             }
             return false;
         };
-        self.add_contact(node, arc, State::Stuck, region);
+        self.add_contact(node, arc, State::Stuck, Some(region));
+        self.lay_path(&at_rest);
         self.tip.row = None;
+        self.tip.in_channel = self.channel.holds(&at_rest, self.needle.radius_mm());
         self.meet_surface(region);
         self.find_again(place.element);
         if bone.is_some() {
@@ -58,7 +63,7 @@ impl Finite {
 
     /// The needle is out.
     pub(super) fn leave(&mut self) {
-        (self.entry, self.tip.element) = (None, None);
+        (self.entry, self.tip.element, self.tip.region) = (None, None, None);
         (self.tip.bare, self.tip.refused) = (false, None);
         self.note(EventKind::Out, self.line.tip(), None);
     }

@@ -7,6 +7,8 @@ use super::joint::MOST_FADING;
 use super::place::Place;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
+use crate::mechanics::insertion::Interaction;
+use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::needle::ShaftPoint;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 
@@ -15,6 +17,12 @@ const BEYOND_MM: f64 = 0.05;
 /// The same while the needle goes in: a node that has just been made lies as the new mesh has it, which may be a little ahead of the tip
 /// that comes after it.
 const LOST_MM: f64 = 0.5;
+/// No border counts so near to the last one, mm.
+const BORDER_MM: f64 = 0.5;
+/// Distance at which regions along a path are looked at, mm.
+const SAMPLE_MM: f64 = 0.25;
+/// Halvings of it to where a region begins, 1e-13 mm.
+const HALVINGS: usize = 40;
 
 impl Finite {
     /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). Whether there were any.
@@ -67,28 +75,37 @@ impl Finite {
         let tip = self.line.tip();
         let found = match (self.contacts.is_empty(), self.tip.element) {
             (true, _) => self.enter(&tip),
-            (false, Some((element, _))) => self.walk(&tip, element),
+            (false, Some(element)) => self.walk(&tip, element),
             (false, None) => None,
         };
         let Some(place) = found else {
-            (self.tip.row, self.tip.at_node, self.tip.outside) = (None, false, true);
-            self.leave_bare();
+            self.be_outside();
+            return false;
+        };
+        let at_rest = self.point_at(&place);
+        let before = std::mem::replace(&mut self.tip.reference, at_rest);
+        let region = self.anatomy.region(&self.tip.reference);
+        if self.entry.is_none() {
+            if region.is_some() {
+                return self.pierce(&place);
+            }
+            self.be_outside();
+            return false;
+        }
+        self.tip.element = Some(place.element);
+        self.lay_path(&before);
+        self.cross(region);
+        let Some(region) = self.tip.region else {
+            self.be_outside();
             return false;
         };
         self.tip.outside = false;
-        self.tip.reference = self.adaptation.mesh().point(place.element, place.bary).into();
-        if self.entry.is_none() {
-            return self.pierce(&place);
+        self.tip.in_channel = self.channel.holds(&self.tip.reference, self.needle.radius_mm());
+        if !self.tip.in_channel {
+            self.channel.cut(&self.tip.reference);
         }
-        let region = self.mesh.regions()[place.element as usize];
-        let before = self.tip.element.replace((place.element, region));
-        self.lay_path(region);
-        if before.map(|(_, region)| region) != Some(region) {
-            self.note(EventKind::Region, tip, Some(region));
-            self.meet_surface(region);
-        }
-        if self.interactions.of(region).bone.is_some() {
-            self.stop_at_bone(&place, advance);
+        if self.of(region).bone.is_some() {
+            self.stop_at_bone(region, advance);
             (self.tip.row, self.tip.at_node) = (None, false);
             return false;
         }
@@ -96,29 +113,73 @@ impl Finite {
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
+    /// How the needle and a region act on each other.
+    pub(super) fn of(&self, region: i32) -> Interaction {
+        interaction(self.anatomy.as_ref(), Some(region))
+    }
+
+    /// The tip is in no tissue.
+    fn be_outside(&mut self) {
+        (self.tip.row, self.tip.at_node, self.tip.outside) = (None, false, true);
+        self.leave_bare();
+    }
+
+    /// Notes the region that the tip has come into. Near the last border another one does not count, so that a tip that wanders along a
+    /// border does not cross it again and again; bone always does.
+    fn cross(&mut self, region: Option<i32>) {
+        let same = region == self.tip.region;
+        let of = interaction(self.anatomy.as_ref(), region);
+        let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none();
+        if same || near {
+            return;
+        }
+        (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
+        if let Some(region) = region {
+            let tip = self.line.tip();
+            self.note(EventKind::Region, tip, Some(region));
+            self.meet_surface(region);
+        }
+    }
+
     /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
-    fn stop_at_bone(&mut self, place: &Place, advance: f64) {
-        let region = self.mesh.regions()[place.element as usize];
-        let Some(bone) = self.interactions.of(region).bone.filter(|_| !self.tip.in_bone()) else {
+    fn stop_at_bone(&mut self, region: i32, advance: f64) {
+        let Some(bone) = self.of(region).bone.filter(|_| !self.tip.in_bone()) else {
             return;
         };
         let ShaftPoint { point_mm, tangent } = self.line.at(self.line.length_mm());
-        let border = self.back_through(place, &point_mm, &-tangent.into_inner(), |other| other == region);
+        let border = self.border_behind(&tangent, |other| other == Some(region));
         // A needle that has come in from the side has not come farther along itself.
-        let depth = border.map_or(0.0, |(.., depth)| depth).min(advance.max(0.0));
+        let depth = border.unwrap_or(0.0).min(advance.max(0.0));
         self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
     }
 
-    /// The path in front of the last node grows, or shrinks.
-    fn lay_path(&mut self, region: i32) {
+    /// How far behind the tip the regions that it is in begin, mm, in the tissue at rest; none where they do not.
+    pub(super) fn border_behind(&self, tangent: &Vector3<f64>, within: impl Fn(Option<i32>) -> bool) -> Option<f64> {
+        let is_in = |behind: f64| within(self.anatomy.region(&(self.tip.reference - tangent * behind)));
+        let most = (self.line.length_mm() / SAMPLE_MM).ceil() as usize;
+        let beyond = (1..=most).find(|at| !is_in(*at as f64 * SAMPLE_MM))?;
+        let [mut inside, mut outside] = [beyond - 1, beyond].map(|at| at as f64 * SAMPLE_MM);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (inside + outside);
+            *(if is_in(middle) { &mut inside } else { &mut outside }) = middle;
+        }
+        Some(inside)
+    }
+
+    /// The path in front of the last node grows by what the tip, that was at `before` in the reference state, has gone on, or shrinks.
+    pub(super) fn lay_path(&mut self, before: &Point3<f64>) {
         let length = self.line.length_mm();
         let Some(last) = self.contacts.last_mut() else { return };
         let ahead = length - last.arc;
         let laid = last.laid();
-        if ahead > laid {
-            last.lengthen(region, ahead - laid)
-        } else {
-            last.shorten(ahead)
+        if ahead <= laid {
+            last.shorten(ahead);
+            return;
+        }
+        let pieces = ((ahead - laid) / SAMPLE_MM).ceil().max(1.0);
+        for piece in 0..pieces as usize {
+            let middle = before + (self.tip.reference - before) * ((piece as f64 + 0.5) / pieces);
+            last.lengthen(self.anatomy.region(&middle), (ahead - laid) / pieces);
         }
     }
 
@@ -133,17 +194,19 @@ impl Finite {
             let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
             elsewhere && self.line.length_mm() - last.arc >= spacing
         });
-        beyond && !refused
+        beyond && !refused && place.is_inside()
     }
 
     /// Moves a corner to the tip.
     fn remesh(&mut self, place: &Place, region: i32) -> bool {
-        let Some(node) = self.move_corner(place.element, self.tip.reference, |_| true) else {
+        let Some(node) = self.move_corner(place.element, self.tip.reference) else {
             self.refuse(region);
             return false;
         };
-        let state = self.contacts.last().map_or(State::Stuck, |last| last.slider.state);
-        self.add_contact(node, self.line.length_mm(), state, region);
+        // A surface that is not broken holds.
+        let slides = self.contacts.last().filter(|_| self.tip.surface.is_none());
+        let state = slides.map_or(State::Stuck, |last| last.slider.state);
+        self.add_contact(node, self.line.length_mm(), state, Some(region));
         self.find_again(place.element);
         true
     }
@@ -155,12 +218,17 @@ impl Finite {
         }
     }
 
-    /// Makes the best of some corners a node at a point of the reference state. Which; none if none fits.
-    pub(super) fn move_corner(&mut self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
-        let node = self.corner(element, to, may)?;
-        self.adaptation.move_node(node, to.into()).ok()?;
-        self.outcome.remeshes += 1;
-        Some(node)
+    /// Makes the best corner of an element a node at a point of the reference state. Which; none if none fits.
+    pub(super) fn move_corner(&mut self, element: u32, to: Point3<f64>) -> Option<u32> {
+        let node = self.corner(element, to, |_| true)?;
+        self.move_node(node, to).then_some(node)
+    }
+
+    /// Moves a node to a point of the reference state, if that spoils no element.
+    pub(super) fn move_node(&mut self, node: u32, to: Point3<f64>) -> bool {
+        let moved = self.adaptation.move_node(node, to.into()).is_ok();
+        self.outcome.remeshes += usize::from(moved);
+        moved
     }
 
     /// The best of some corners to make a node at a point of the reference state; none if none fits.
@@ -174,7 +242,7 @@ impl Finite {
         (corner.condition <= self.options.condition_limit).then_some(corner.node)
     }
 
-    pub(super) fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
+    pub(super) fn add_contact(&mut self, node: u32, arc: f64, state: State, region: Option<i32>) {
         self.forces.insert(self.contacts.len(), Vector3::zeros());
         self.contacts.push(Contact {
             node,
@@ -196,7 +264,7 @@ impl Finite {
         let point = self.tip.reference;
         self.tip.found = self.walk_at_rest(&point, from);
         if let Some(place) = &self.tip.found {
-            self.tip.element = Some((place.element, self.mesh.regions()[place.element as usize]));
+            self.tip.element = Some(place.element);
         }
     }
 

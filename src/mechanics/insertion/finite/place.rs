@@ -10,6 +10,13 @@ pub(super) struct Place {
     pub bary: [f64; 4],
 }
 
+impl Place {
+    /// Whether it is in its element, not beside the mesh.
+    pub fn is_inside(&self) -> bool {
+        self.bary.iter().all(|share| *share >= -1e-9)
+    }
+}
+
 /// An element whose corners are where they are now.
 pub(super) struct Tetrahedron {
     origin: Point3<f64>,

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::channel::Channel;
 use super::contact::Contact;
 use super::press::Press;
 use super::{Finite, Nearby, Tip};
@@ -34,6 +35,7 @@ struct State {
     laid: [bool; 2],
     fading: Vec<f64>,
     tip: Tip,
+    channel: Channel,
     seeds: Vec<Point3<f64>>,
     /// Where moved nodes are in the reference state.
     moved: Vec<(u32, [f64; 3])>,
@@ -73,14 +75,7 @@ impl State {
         }
         let found = self.tip.found.map(|place| place.element);
         let lost = |element: &u32| *element as usize >= elements;
-        if let Some(element) = self
-            .tip
-            .element
-            .map(|(element, _)| element)
-            .into_iter()
-            .chain(found)
-            .find(lost)
-        {
+        if let Some(element) = self.tip.element.into_iter().chain(found).find(lost) {
             return Err(foreign(format!("its tip is in element {element} of {elements}")));
         }
         self.check_forces(candidates.unwrap_or(0))?;
@@ -146,6 +141,7 @@ impl Finite {
             laid: self.laid,
             fading: self.fading.clone(),
             tip: self.tip.clone(),
+            channel: self.channel.clone(),
             seeds: self.seeds.clone(),
             moved: self.moved(),
         };
@@ -169,7 +165,8 @@ impl Finite {
             press.put_back(*pose, touching);
         }
         (self.steps, self.time_s, self.base) = (state.steps, state.time_s, state.base);
-        (self.contacts, self.forces, self.tip, self.seeds) = (state.contacts, state.forces, state.tip, state.seeds);
+        (self.contacts, self.forces, self.tip) = (state.contacts, state.forces, state.tip);
+        (self.channel, self.seeds) = (state.channel, state.seeds);
         self.name_contacts();
         self.start_anew();
         Ok(())

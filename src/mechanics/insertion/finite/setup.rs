@@ -3,11 +3,13 @@
 use std::sync::Arc;
 
 use faer::Mat;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
+use super::channel::Channel;
 use super::joint::Yielding;
-use super::{Finite, Interactions, Joint, Memory, Nearby, Outcome, Press, Tip};
-use crate::mechanics::insertion::{Interaction, InvalidPart, ProbeContact, parts};
+use super::{Finite, Joint, Memory, Nearby, Outcome, Press, Tip};
+use crate::mechanics::insertion::anatomy::MeshRegions;
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, parts};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
 use crate::mechanics::tissue::assembly::AssemblyError;
@@ -70,8 +72,11 @@ pub struct Setup {
     pub materials: Vec<Material>,
     /// Nodes and axes (0 to 2) that do not move.
     pub fixed: Vec<(u32, u8)>,
-    /// What regions do to the needle; those not named do nothing.
+    /// What the regions of the mesh do to the needle; those not named do nothing.
     pub interactions: Vec<(i32, Interaction)>,
+    /// What lies where, in place of the regions of the mesh and `interactions`, which are checked all the same: the mesh then gives
+    /// stiffness alone.
+    pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle.
     pub needle: Box<dyn Needle>,
     /// The probe, if one presses.
@@ -173,13 +178,25 @@ impl Setup {
             (true, Precision::Single) => Source::Single(Arc::new(invert(&factor, progress)?)),
         };
         let adaptation = Adaptation::new(adapted, source, self.level, self.precision, self.options.remesh)?;
+        let (locator, mesh) = (Arc::new(Locator::new(&self.mesh)), Arc::new(self.mesh));
+        let mut on_surface = vec![false; mesh.nodes().len()];
+        let mut surface = Vec::new();
+        for face in mesh.surface() {
+            let corners = face.nodes.map(|node| Point3::from(mesh.nodes()[node as usize]));
+            let centre = corners.iter().map(|corner| corner.coords).sum::<Vector3<f64>>() / 3.0;
+            surface.push((face.element, Point3::from(centre)));
+            face.nodes.iter().for_each(|node| on_surface[*node as usize] = true);
+        }
+        let of_mesh = || MeshRegions::located(&mesh, Arc::clone(&locator), &self.interactions);
         let mut finite = Finite {
-            locator: Locator::new(&self.mesh),
-            press: self.probe.map(|probe| Press::new(probe, self.mesh.nodes())),
-            mesh: Arc::new(self.mesh),
+            anatomy: self.anatomy.unwrap_or_else(|| Arc::new(of_mesh())),
+            press: self.probe.map(|probe| Press::new(probe, mesh.nodes())),
+            locator,
+            mesh,
             factor,
             adaptation,
-            interactions: Interactions::new(&self.interactions),
+            surface,
+            on_surface,
             needle: self.needle,
             options: self.options,
             steps: 0,
@@ -193,6 +210,7 @@ impl Setup {
             laid: [false; 2],
             fading: Vec::new(),
             tip: Tip::default(),
+            channel: Channel::default(),
             seeds: Vec::new(),
             outcome: Outcome::default(),
             joint: Joint::default(),

@@ -57,6 +57,7 @@ fn setup(interaction: Interaction, level: Level) -> Setup {
             .map(|region| (*region, interaction))
             .into_iter()
             .collect(),
+        anatomy: None,
         needle: Box::new(Straight { length: 150.0 }),
         probe: None,
         level,

@@ -3,11 +3,13 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::friction::bound;
 use super::place::Place;
 use super::reduced::TipRow;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
 use crate::mechanics::insertion::Bone;
+use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;
 
@@ -21,8 +23,14 @@ pub(super) struct Tip {
     pub base: Option<Isometry3<f64>>,
     /// Whether it has come out of the tissue on another side.
     pub outside: bool,
-    /// The element it is in, and its region.
-    pub element: Option<(u32, i32)>,
+    /// The element it is in, or beside.
+    pub element: Option<u32>,
+    /// The region it is in.
+    pub region: Option<i32>,
+    /// Where it came into that, in the reference state, mm.
+    pub crossed: Point3<f64>,
+    /// Whether the tissue there is cut already.
+    pub in_channel: bool,
     /// In the reference state, mm.
     pub reference: Point3<f64>,
     /// A place found, not yet in the system.
@@ -61,10 +69,6 @@ impl Met {
 }
 
 impl Tip {
-    pub fn region(&self) -> Option<i32> {
-        self.element.map(|(_, region)| region)
-    }
-
     pub fn in_bone(&self) -> bool {
         self.bone.is_some()
     }
@@ -97,16 +101,15 @@ impl Finite {
                 .take()
                 .map(|row| row.slider.state)
                 .filter(|_| !self.tip.at_node);
-            let state = before.or(last.map(|last| last.slider.state)).unwrap_or(State::Stuck);
+            let state = before.or(last.map(|last| last.slider.state));
+            let state = state.filter(|_| self.tip.surface.is_none()).unwrap_or(State::Stuck);
             let corners = self.mesh.elements()[place.element as usize];
             let share = corners
                 .iter()
                 .position(|corner| *corner == node)
                 .map_or(0.0, |at| place.bary[at]);
             self.tip.at_node = share > AT_NODE;
-            let region = self.mesh.regions()[place.element as usize];
-            let cuts = self.interactions.of(region).cutting_n > 0.0 || self.tip.surface.is_some();
-            if cuts && !self.tip.at_node {
+            if self.cutting()[1] > 0.0 && !self.tip.at_node {
                 self.take_corners(&place);
                 self.tip.row = Some(self.row_at(&place, Slider::new(state)));
             }
@@ -115,12 +118,12 @@ impl Finite {
 
     /// Sets the bounds of all sliders.
     pub(super) fn bound(&mut self) {
-        let (region, surface) = (self.tip.region(), self.tip.surface);
         // Shaft that has come out on another side does not rub.
         let last = self.contacts.last().filter(|_| self.tip.outside);
         let end = last.map_or(self.line.length_mm(), |last| last.arc + last.laid());
-        self.interactions.bound(&mut self.contacts, end, region);
-        let cutting = self.interactions.cutting(region, surface);
+        let cuts = !self.tip.in_channel && !self.tip.outside;
+        bound(self.anatomy.as_ref(), &mut self.contacts, end, cuts);
+        let cutting = self.cutting();
         match (&mut self.tip.row, self.contacts.last_mut()) {
             (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting[0], 0.0], [cutting[1], 0.0]),
             (None, Some(last)) if self.tip.at_node => {
@@ -129,6 +132,13 @@ impl Finite {
             }
             _ => {}
         }
+    }
+
+    /// What cutting at the tip takes, N: while it goes on, and before, where a surface withstands more until it breaks.
+    pub(super) fn cutting(&self) -> [f64; 2] {
+        let of = interaction(self.anatomy.as_ref(), self.tip.region);
+        let cutting = if self.tip.in_channel { 0.0 } else { of.cutting_n };
+        [cutting, self.tip.surface.unwrap_or(cutting)]
     }
 
     /// What the tip acts on.
@@ -192,14 +202,19 @@ impl Finite {
             .tip_slider()
             .is_some_and(|slider| slider.state == State::Slipping(1.0));
         if cuts && self.tip.surface.take().is_some() {
-            self.note(EventKind::Puncture, self.line.tip(), self.tip.region());
+            self.note(EventKind::Puncture, self.line.tip(), self.tip.region);
         }
     }
 
     /// A surface before the tip withstands more than the tissue behind it: it holds until it breaks.
     pub(super) fn meet_surface(&mut self, region: i32) {
-        let ahead = self.interactions.of(region);
-        self.tip.surface = (ahead.puncture_n > ahead.cutting_n).then_some(ahead.puncture_n);
+        let ahead = self.of(region);
+        if ahead.critical {
+            self.note(EventKind::Critical, self.line.tip(), Some(region));
+        }
+        let breaks =
+            ahead.puncture_n > ahead.cutting_n && !self.channel.holds(&self.tip.reference, self.needle.radius_mm());
+        self.tip.surface = breaks.then_some(ahead.puncture_n);
         if self.tip.surface.is_some()
             && let Some(slider) = self.tip_slider()
         {
@@ -242,6 +257,6 @@ impl Finite {
     pub(super) fn deposit(&mut self) {
         let Some(place) = self.tip_at_rest() else { return };
         self.seeds.push(place);
-        self.note(EventKind::Seed, self.line.tip(), self.tip.region());
+        self.note(EventKind::Seed, self.line.tip(), self.tip.region);
     }
 }

@@ -12,37 +12,49 @@ use crate::mechanics::mesh::{NONE, TetMesh};
 const MOST_ELEMENTS: usize = 64;
 /// A coordinate this far below zero is rounding.
 const SLACK: f64 = 1e-10;
+/// The farthest that a point may lie outside the mesh, as a share of the height of the element there.
+const BESIDE: f64 = 0.5;
 /// Iterations that carry a point back to the reference state when only the probe displaces the tissue.
 const CARRIES: usize = 8;
 
 impl Finite {
     /// Where the tip is when it is in the body for the first time: only the probe displaces the tissue then.
     pub(super) fn enter(&mut self, tip: &Point3<f64>) -> Option<Place> {
-        let mut point = *tip;
-        let mut element = NONE;
+        if self.press.is_none() {
+            self.anatomy.region(tip)?;
+            return self.place_at_rest(tip, NONE);
+        }
+        let mut place = self.place_at_rest(tip, NONE)?;
         for _ in 0..CARRIES {
-            let hit = self.locator.locate(point.into(), element);
-            if hit.element == NONE {
-                return None;
-            }
-            element = hit.element;
-            if self.press.is_none() {
-                return Some(Place {
-                    element,
-                    bary: hit.bary,
-                });
-            }
-            let displacement = self.displacement_at(&Place {
-                element,
-                bary: hit.bary,
-            });
-            let next = tip - displacement;
-            if (next - point).norm() < SLACK {
+            let point = tip - self.displacement_at(&place);
+            let next = self.place_at_rest(&point, place.element)?;
+            let shift = self.point_at(&next) - self.point_at(&place);
+            place = next;
+            if shift.norm() < SLACK {
                 break;
             }
-            point = next;
         }
-        self.walk(tip, element)
+        self.walk(tip, place.element)
+    }
+
+    /// The place of a point in the mesh as it was made; of one beside it, that of the element at the nearest face.
+    fn place_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+        let hit = self.locator.locate((*point).into(), from);
+        if hit.element != NONE {
+            let (element, bary) = (hit.element, hit.bary);
+            return Some(Place { element, bary });
+        }
+        let distance = |centre: &Point3<f64>| (centre - point).norm_squared();
+        let nearest = self
+            .surface
+            .iter()
+            .min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
+        self.walk_at_rest(point, nearest?.0)
+    }
+
+    /// A place in the reference state, mm.
+    pub(super) fn point_at(&self, place: &Place) -> Point3<f64> {
+        self.adaptation.mesh().point(place.element, place.bary).into()
     }
 
     fn displacement_at(&mut self, place: &Place) -> Vector3<f64> {
@@ -89,71 +101,30 @@ impl Finite {
             Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))
         })
     }
-
-    /// Back along a direction to where the tissue begins, or that of some regions: the place there, the corner opposite the border, and
-    /// how far (mm).
-    pub(super) fn back_through(
-        &mut self,
-        place: &Place,
-        from: &Point3<f64>,
-        direction: &Vector3<f64>,
-        within: impl Fn(i32) -> bool,
-    ) -> Option<(Place, usize, f64)> {
-        let mut element = place.element;
-        let mut point = *from;
-        let mut way = 0.0;
-        for _ in 0..MOST_ELEMENTS {
-            let tetrahedron = self.deformed(element)?;
-            let (distance, corner) = tetrahedron.exit(&point, direction)?;
-            way += distance;
-            point += direction * distance;
-            let next = self.mesh.neighbours()[element as usize][corner];
-            if next == NONE || !within(self.mesh.regions()[next as usize]) {
-                let mut bary = tetrahedron.bary(&point);
-                bary[corner] = 0.0;
-                let sum: f64 = bary.iter().sum();
-                return Some((
-                    Place {
-                        element,
-                        bary: bary.map(|b| b / sum),
-                    },
-                    corner,
-                    way,
-                ));
-            }
-            element = next;
-        }
-        None
-    }
 }
 
-/// Goes from an element to the one that holds a point, each time through the face that the point lies farthest beyond.
+/// Goes from an element to the one that holds a point, each time through the face that the point lies farthest beyond, of those that lead
+/// on. A point a little outside the mesh gets coordinates in the element at the surface, which extend what that knows.
 fn search(
     mesh: &TetMesh,
     point: &Point3<f64>,
     from: u32,
     mut at: impl FnMut(u32) -> Option<Tetrahedron>,
 ) -> Option<Place> {
-    let mut element = from;
+    let (mut element, mut before) = (from, NONE);
     for _ in 0..MOST_ELEMENTS {
-        match next(&at(element)?.bary(point)) {
-            Ok(bary) => return Some(Place { element, bary }),
-            Err(corner) => element = mesh.neighbours()[element as usize][corner],
-        }
-        if element == NONE {
-            return None;
+        let bary = at(element)?.bary(point);
+        let mut corners = [0, 1, 2, 3];
+        corners.sort_by(|a: &usize, b| bary[*a].total_cmp(&bary[*b]));
+        let neighbours = mesh.neighbours()[element as usize];
+        let ahead = corners.into_iter().take_while(|corner| bary[*corner] < -SLACK);
+        let next = ahead
+            .map(|corner| neighbours[corner])
+            .find(|next| ![NONE, before].contains(next));
+        match next {
+            Some(next) => (element, before) = (next, element),
+            None => return (bary[corners[0]] >= -BESIDE).then_some(Place { element, bary }),
         }
     }
     None
-}
-
-/// The coordinates, if they are those of a point inside, or else the corner whose opposite face the point lies farthest beyond.
-fn next(bary: &[f64; 4]) -> Result<[f64; 4], usize> {
-    let (mut corner, mut least) = (0, bary[0]);
-    for (at, &value) in bary.iter().enumerate().skip(1) {
-        if value < least {
-            (corner, least) = (at, value);
-        }
-    }
-    if least >= -SLACK { Ok(*bary) } else { Err(corner) }
 }

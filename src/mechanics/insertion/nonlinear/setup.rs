@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::Nonlinear;
 use crate::mechanics::insertion::pushing::Pushing;
-use crate::mechanics::insertion::{Interaction, InvalidPart, Outcome, parts};
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, MeshRegions, Outcome, parts};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, InvalidNeedleModel, Shaft};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
@@ -64,8 +64,10 @@ pub struct Setup {
     pub laws: Vec<Stiffening>,
     /// Nodes and axes (0 to 2) that do not move.
     pub fixed: Vec<(u32, u8)>,
-    /// What regions do to the needle; those not named do nothing. No `peak`, and no bone is met.
+    /// What the regions of the mesh do to the needle; those not named do nothing. No `peak`, and no bone is met.
     pub interactions: Vec<(i32, Interaction)>,
+    /// What lies where, in place of the regions of the mesh; `interactions` are checked all the same.
+    pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle, which nothing bends.
     pub shaft: Shaft,
     /// Of all tissue; none where it is elastic.
@@ -123,9 +125,7 @@ impl Nonlinear {
             ("tolerance", options.solving.tolerance),
         ])?;
         setup.shaft.check()?;
-        let mut interactions = setup.interactions;
-        interactions.sort_by_key(|(region, _)| *region);
-        if let Some(&(region, _)) = interactions.iter().find(|(_, of)| of.peak.is_some()) {
+        if let Some(&(region, _)) = setup.interactions.iter().find(|(_, of)| of.peak.is_some()) {
             return Err(InvalidSetup::Peak { region });
         }
         let name = format!("{nodes} nodes, {:?}, {:?}, {:?}", setup.shaft, setup.viscosity, options);
@@ -146,8 +146,10 @@ impl Nonlinear {
             }
         };
         Ok(Nonlinear {
+            anatomy: setup
+                .anatomy
+                .unwrap_or_else(|| Arc::new(MeshRegions::new(&setup.mesh, &setup.interactions))),
             mesh: setup.mesh,
-            interactions,
             shaft: setup.shaft,
             options,
             name,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::mechanics::insertion::{InvalidPart, Tissue};
+use crate::mechanics::insertion::{Bone, Interaction, InvalidPart, MeshRegions, Tissue};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
@@ -48,6 +48,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
         laws,
         fixed,
         interactions: vec![(2, two), (1, one)],
+        anatomy: None,
         shaft: Shaft {
             length_mm: 60.0,
             radius_mm: 0.5,
@@ -329,14 +330,17 @@ fn setups_are_checked() {
 #[test]
 fn bone_on_the_way_is_found() {
     let setup = setup(None);
-    let body = crate::mechanics::tissue::nonlinear::Solid::tetrahedra(&setup.mesh, &setup.laws).unwrap();
+    let bone = Interaction {
+        bone: Some(Bone {
+            stiffness_n_per_mm: 40.0,
+            penetration_mm: 0.5,
+        }),
+        ..Interaction::default()
+    };
+    let anatomy = MeshRegions::new(&setup.mesh, &[(2, bone)]);
     let (tip, direction) = (Point3::new(X, 14.3, -5.0), Vector3::z_axis());
-    let found = obstacle(&body, setup.mesh.regions(), &tip, &direction, 40.0, |region| {
-        region == 2
-    });
-    let (region, at) = found.unwrap();
+    let at = obstacle(&anatomy, &tip, &direction, 40.0).unwrap();
     // The layer's elements have their middles within it: they begin within one row of the mesh of it.
-    assert!(region == 2 && (12.0..17.0).contains(&at), "{at}");
-    let short = obstacle(&body, setup.mesh.regions(), &tip, &direction, 5.0, |region| region == 2);
-    assert_eq!(short, None);
+    assert!((12.0..17.0).contains(&at), "{at}");
+    assert_eq!(obstacle(&anatomy, &tip, &direction, 5.0), None);
 }

@@ -3,15 +3,21 @@
 use nalgebra::{Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::insertion::Interaction;
-use crate::mechanics::insertion::pushing::{Crossing, Layer, crossings};
+use crate::mechanics::insertion::pushing::{Layer, crossings};
+use crate::mechanics::insertion::{Anatomy, Interaction};
 use crate::mechanics::tissue::nonlinear::Solid;
 
 /// A gap between elements on the way that is none, mm: rounding.
 const GAP_MM: f64 = 1e-3;
 
-/// A layer thinner than this is taken for one with that above it: the line grazes the corner of an element.
+/// A layer thinner than this is taken for one with that above it: the line grazes the corner of a region.
 const THINNEST_MM: f64 = 0.5;
+
+/// Distance at which regions are looked at, mm.
+const SAMPLE_MM: f64 = 0.25;
+
+/// Halvings of it to where a region begins, 1e-8 mm.
+const HALVINGS: usize = 25;
 
 /// A line, where it enters the body, and the regions along it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +31,7 @@ pub(super) struct Way {
 
 impl Way {
     /// That of a needle whose tip is at `tip`: into the first part of the body before it, or the one that it is in.
-    pub fn find(body: &Solid, regions: &[i32], tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) -> Way {
+    pub fn find(body: &Solid, anatomy: &dyn Anatomy, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) -> Way {
         let mut all = crossings(body, &(*tip).into(), &(**direction).into());
         all.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm).then(a.element.cmp(&b.element)));
         let (mut start, mut end) = (0, f64::NEG_INFINITY);
@@ -43,10 +49,12 @@ impl Way {
         }
         let stretch = if end > 0.0 { &all[start..last] } else { &[] };
         let entry_mm = stretch.first().map_or(0.0, |crossing| crossing.from_mm);
+        let entry = tip + entry_mm * direction.into_inner();
+        let length_mm = if stretch.is_empty() { 0.0 } else { end - entry_mm };
         Way {
-            entry: tip + entry_mm * direction.into_inner(),
+            regions: layered(anatomy, &entry, direction, length_mm),
+            entry,
             direction: *direction,
-            regions: layered(stretch, regions, entry_mm),
         }
     }
 
@@ -81,26 +89,40 @@ impl Way {
     }
 }
 
-/// Where each region begins, mm from the entry, along crossings in their order: which one a place lies in is decided by the crossing
-/// that reaches farthest in.
-fn layered(stretch: &[Crossing], regions: &[i32], entry_mm: f64) -> Vec<(f64, i32)> {
+/// Where each region begins, mm from the entry, along a line of some length through the body. What is in no region counts as what is
+/// before it, or at the beginning behind it.
+fn layered(
+    anatomy: &dyn Anatomy,
+    entry: &Point3<f64>,
+    direction: &Unit<Vector3<f64>>,
+    length_mm: f64,
+) -> Vec<(f64, i32)> {
+    let at = |mm: f64| anatomy.region(&(entry + direction.scale(mm)));
     let mut layers: Vec<(f64, i32)> = Vec::new();
-    let mut end = f64::NEG_INFINITY;
-    for crossing in stretch {
-        let [from, to] = [crossing.from_mm, crossing.to_mm].map(|mm| mm - entry_mm);
-        if to - from.max(end) < GAP_MM {
-            continue;
-        }
-        let region = regions[crossing.element as usize];
-        let begins = if layers.is_empty() { 0.0 } else { from };
-        end = to;
-        if layers.last().is_none_or(|(_, above)| *above != region) {
-            layers.push((begins, region));
+    let samples = (length_mm / SAMPLE_MM).ceil() as usize;
+    for sample in 0..samples {
+        let mm = (sample as f64 + 0.5) * length_mm / samples as f64;
+        let Some(region) = at(mm) else { continue };
+        match layers.last() {
+            None => layers.push((0.0, region)),
+            Some((_, above)) if *above == region => {}
+            Some(_) => {
+                let [mut before, mut behind] = [mm - length_mm / samples as f64, mm];
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (before + behind);
+                    *(if at(middle) == Some(region) {
+                        &mut behind
+                    } else {
+                        &mut before
+                    }) = middle;
+                }
+                layers.push((behind, region));
+            }
         }
     }
     let mut kept: Vec<(f64, i32)> = Vec::new();
     for (at, layer) in layers.iter().enumerate() {
-        let to = layers.get(at + 1).map_or(end, |(from, _)| *from);
+        let to = layers.get(at + 1).map_or(length_mm, |(from, _)| *from);
         let thin = to - layer.0 < THINNEST_MM;
         if kept.last().is_none_or(|(_, above)| *above != layer.1 && !thin) {
             kept.push(*layer);
@@ -109,20 +131,20 @@ fn layered(stretch: &[Crossing], regions: &[i32], entry_mm: f64) -> Vec<(f64, i3
     kept
 }
 
-/// The first region with bone on the way of a needle from `tip` to `length_mm` farther, and where it is met, mm from the tip.
+/// Where bone is first met on the line of a needle from `tip` to `length_mm` farther, mm from the tip.
 pub fn obstacle(
-    body: &Solid,
-    regions: &[i32],
+    anatomy: &dyn Anatomy,
     tip: &Point3<f64>,
     direction: &Unit<Vector3<f64>>,
     length_mm: f64,
-    is_bone: impl Fn(i32) -> bool,
-) -> Option<(i32, f64)> {
-    let met = crossings(body, &(*tip).into(), &(**direction).into()).into_iter();
-    let met = met.map(|crossing| (regions[crossing.element as usize], crossing));
-    met.filter(|(region, crossing)| is_bone(*region) && crossing.to_mm > 0.0 && crossing.from_mm < length_mm)
-        .map(|(region, crossing)| (region, crossing.from_mm.max(0.0)))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
+) -> Option<f64> {
+    let samples = (length_mm / SAMPLE_MM).ceil().max(0.0) as usize;
+    let places = (0..=samples).map(|sample| (sample as f64 * SAMPLE_MM).min(length_mm));
+    let is_bone = |mm: f64| {
+        let region = anatomy.region(&(tip + direction.scale(mm)));
+        region.is_some_and(|region| anatomy.interaction(region).bone.is_some())
+    };
+    places.into_iter().find(|mm| is_bone(*mm))
 }
 
 /// Whether the shaft of a needle, `length_mm` behind its tip, is in the body, or the tip touches it.

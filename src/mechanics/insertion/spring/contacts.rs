@@ -98,14 +98,11 @@ impl Contacts {
         }));
     }
 
-    /// Friction of one contact, N: of the shaft from its node to the next, and near an advancing tip of the peak there.
+    /// Sliding force of one contact, N: of the shaft from its node to the next.
     fn friction(&self, place: usize, tip: f64, advancing: bool, of: &Interaction) -> f64 {
         let from = self.stack[place].arc.clamp(0.0, tip);
         let to = self.stack.get(place + 1).map_or(tip, |next| next.arc.clamp(from, tip));
-        let peak = of.peak.filter(|_| advancing).map_or(0.0, |peak| {
-            peak.density_n_per_mm * (to - from.max(tip - peak.width_mm)).max(0.0)
-        });
-        of.friction_n_per_mm * (to - from) + peak
+        of.shaft_n([tip - to, tip - from], advancing)
     }
 
     /// Brings the nodes back to the shaft, which lies as `line` says under the forces of before. Returns whether the node of

@@ -7,9 +7,10 @@ use super::body::TipNode;
 use super::bone::{self, Hold};
 use super::contacts::{Contact, SAME_ARC_MM};
 use super::geometry::Simplex;
-use super::step::{STILL_MM, interaction};
+use super::step::STILL_MM;
 use super::tip::FarFace;
 use crate::mechanics::insertion::EventKind;
+use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 /// Halvings of a step to where the tip meets a surface: 0.4 mm become 1e-12 mm.
@@ -178,6 +179,9 @@ impl MassSpring {
         if of.bone.is_none() && std::mem::replace(&mut self.body.region, region) != region {
             self.body.breaking = of.puncture_n > of.cutting_n;
             self.event(EventKind::Region, tip, region);
+            if of.critical {
+                self.event(EventKind::Critical, tip, region);
+            }
         }
     }
 

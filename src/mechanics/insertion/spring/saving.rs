@@ -10,7 +10,7 @@ use super::state::{Document, Reader, Words};
 use crate::mechanics::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
 use crate::mechanics::needle::{CentreLine, Entry};
 
-const EVENTS: [EventKind; 9] = [
+const EVENTS: [EventKind; 10] = [
     EventKind::Skin,
     EventKind::Puncture,
     EventKind::Region,
@@ -20,6 +20,7 @@ const EVENTS: [EventKind; 9] = [
     EventKind::NotRemeshed,
     EventKind::NotConverged,
     EventKind::Crushed,
+    EventKind::Critical,
 ];
 
 impl MassSpring {

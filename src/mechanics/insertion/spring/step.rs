@@ -2,24 +2,17 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::MassSpring;
 use super::body::TipNode;
 use super::contacts::{SAME_ARC_MM, Travel};
-use super::{Anatomy, MassSpring};
-use crate::mechanics::insertion::{Event, EventKind, Interaction};
+use crate::mechanics::insertion::anatomy::interaction;
+use crate::mechanics::insertion::{Event, EventKind};
 use crate::mechanics::needle::ShaftPoint;
 
 /// Travel of the tip that counts as none, mm.
 pub(super) const STILL_MM: f64 = 1e-9;
 /// Tissue without a needle is at rest when it moves by less, mm and mm/s.
 const REST: [f64; 2] = [1e-9, 1e-7];
-
-/// What a tissue does to the needle. Numbers out of range count as none.
-pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
-    region
-        .map(|region| anatomy.interaction(region))
-        .filter(|found| found.check().is_ok())
-        .unwrap_or_default()
-}
 
 impl MassSpring {
     /// Moves the needle's base from `hand_before` on to `hand` and the tissue on by `h`.

@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::setup::{ASIDE, Layers, STEP_S, Watch, build, coarse, image, tissue};
 use crate::mechanics::insertion::finite::{Options, Setup};
-use crate::mechanics::insertion::spring::{Anatomy, MassSpring};
-use crate::mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, ProbeContact};
+use crate::mechanics::insertion::spring::MassSpring;
+use crate::mechanics::insertion::{Anatomy, EventKind, Instruments, Interaction, Model, Outcome, ProbeContact};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{Shaft, Stiffness};
 use crate::study::block::{self, USUAL};

@@ -104,7 +104,7 @@ fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, 
     );
     // What the hand feels is a mean over a step: of one that rests.
     let last = go(model, hand)?;
-    let pushed = BONE.stiffness_n_per_mm * TOO_FAR_MM;
+    let pushed = BONE.stiffness_n_per_mm * BONE.penetration_mm;
     let friction = USUAL.friction_n_per_mm * last.inserted_mm + USUAL.cutting_n;
     let off = (resistance(last) - pushed).abs();
     record.report(
@@ -112,7 +112,7 @@ fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, 
         resistance(last),
     );
     record.under(
-        format!("force off stiffness times way, over friction, {name}"),
+        format!("force off its limit, over friction, {name}"),
         off / friction,
         1.0,
     );

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
-use crate::mechanics::insertion::{EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
+use crate::mechanics::insertion::spring::{MassSpring, Parameters};
+use crate::mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
 use crate::mechanics::tissue::material::Material;
 use crate::study::block;
 use crate::study::stability::record::{Record, Unexpected, largest};

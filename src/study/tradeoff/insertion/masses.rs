@@ -10,8 +10,8 @@ use super::columns::{TIMES, UNSETTLED, factor, largest, mean_square, points, tim
 use super::course::{self, Step, timed};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
-use crate::mechanics::insertion::spring::{Anatomy, MassSpring, Parameters};
-use crate::mechanics::insertion::{Imager, Interaction, Model, Snapshot, Tissue};
+use crate::mechanics::insertion::spring::{MassSpring, Parameters};
+use crate::mechanics::insertion::{Anatomy, Imager, Interaction, Model, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::tissue::material::Material;
@@ -223,6 +223,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, InsertionStudyErr
         materials: vec![Material::new(parameters.young_kpa, poisson)?; mesh.elements().len()],
         fixed: held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(0, block::USUAL)],
+        anatomy: None,
         needle: block::rigid()?,
         probe: None,
         level: Level::Exact,

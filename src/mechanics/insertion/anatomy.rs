@@ -1,0 +1,75 @@
+//! What lies where in the tissue at rest, and what it does to a needle.
+
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use nalgebra::Point3;
+
+use super::Interaction;
+use crate::mechanics::mesh::{Locator, NONE, TetMesh};
+
+/// What a needle meets: regions in space, whatever mesh carries them.
+pub trait Anatomy: Send + Sync + Debug {
+    /// The region at a point of the undeformed body (mm); none outside the body.
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32>;
+
+    /// How a needle and this region act on each other. Numbers that fail [`Interaction::check`] count as the default.
+    fn interaction(&self, region: i32) -> Interaction;
+}
+
+/// How a needle and the tissue of a region act on each other; nothing outside.
+pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
+    region
+        .map(|region| anatomy.interaction(region))
+        .filter(|it| it.check().is_ok())
+        .unwrap_or_default()
+}
+
+impl<T: Anatomy + ?Sized> Anatomy for Arc<T> {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        self.as_ref().region(at_rest_mm)
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.as_ref().interaction(region)
+    }
+}
+
+/// The regions of the elements of a mesh before any node of it was moved.
+#[derive(Debug)]
+pub struct MeshRegions {
+    mesh: Arc<TetMesh>,
+    locator: Arc<Locator<f64>>,
+    interactions: BTreeMap<i32, Interaction>,
+}
+
+impl MeshRegions {
+    /// What the regions of a mesh do to the needle: one that is not in `interactions` does nothing.
+    pub fn new(mesh: &Arc<TetMesh>, interactions: &[(i32, Interaction)]) -> MeshRegions {
+        MeshRegions::located(mesh, Arc::new(Locator::new(mesh)), interactions)
+    }
+
+    pub(super) fn located(
+        mesh: &Arc<TetMesh>,
+        locator: Arc<Locator<f64>>,
+        interactions: &[(i32, Interaction)],
+    ) -> MeshRegions {
+        MeshRegions {
+            mesh: Arc::clone(mesh),
+            locator,
+            interactions: interactions.iter().copied().collect(),
+        }
+    }
+}
+
+impl Anatomy for MeshRegions {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        let hit = self.locator.locate((*at_rest_mm).into(), NONE);
+        (hit.element != NONE).then(|| self.mesh.regions()[hit.element as usize])
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.interactions.get(&region).copied().unwrap_or_default()
+    }
+}

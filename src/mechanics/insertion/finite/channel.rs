@@ -1,0 +1,91 @@
+//! The paths that the tip has cut: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9: the second
+//! and third insertions along a path take less force).
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+/// Distance between points of a path, mm.
+const SPACING_MM: f64 = 1.0;
+/// So far before its end a path counts as uncut, mm: a tip at rest moves in the tissue by less.
+const END_MM: f64 = 0.2;
+
+/// Paths in the tissue at rest.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Channel {
+    paths: Vec<Vec<Point3<f64>>>,
+}
+
+impl Channel {
+    /// Whether the tissue at a point lies in a path no wider than a needle of `radius_mm`, before its end.
+    pub fn holds(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
+        self.paths.iter().any(|path| {
+            let Some(end) = path.last() else { return false };
+            let last = path.len() - 2;
+            let mut segments = path.windows(2).enumerate();
+            let beside = |(at, ends): (usize, &[Point3<f64>])| distance(point, ends, at == last) <= radius_mm;
+            (point - end).norm() > END_MM && segments.any(beside)
+        })
+    }
+
+    /// Takes the cutting tip to a point: the path that ends there grows, or another begins.
+    pub fn cut(&mut self, point: &Point3<f64>) {
+        let near = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(|end| (point - end).norm() <= SPACING_MM);
+        let Some(path) = self.paths.iter_mut().rev().find(near) else {
+            self.paths.push(vec![*point; 2]);
+            return;
+        };
+        if let [.., before, end] = &mut path[..] {
+            if (*end - *before).dot(&(point - *end)) < 0.0 {
+                // Drawn back a little.
+            } else if (point - *before).norm() < SPACING_MM {
+                *end = *point;
+            } else {
+                path.push(*point);
+            }
+        }
+    }
+}
+
+/// Distance of a point from a segment, mm; infinite beyond the end of the `last`.
+fn distance(point: &Point3<f64>, ends: &[Point3<f64>], last: bool) -> f64 {
+    let (along, off) = (ends[1] - ends[0], point - ends[0]);
+    let share = off.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
+    if last && share > 1.0 {
+        return f64::INFINITY;
+    }
+    (off - along * share.clamp(0.0, 1.0)).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cut(channel: &mut Channel, x: f64, to: f64) {
+        (0..=(to / 0.05) as usize).for_each(|at| channel.cut(&Point3::new(x, 0.0, 0.05 * at as f64)));
+    }
+
+    #[test]
+    fn a_path_is_cut_up_to_its_end_and_no_wider_than_the_needle() {
+        let mut channel = Channel::default();
+        assert!(!channel.holds(&Point3::origin(), 0.6));
+        cut(&mut channel, 0.0, 20.0);
+        cut(&mut channel, 5.0, 10.0);
+        for (x, z, expected) in [
+            (0.0, 0.0, true),
+            (0.0, 19.7, true),
+            (0.0, 19.9, false),
+            (0.0, 20.5, false),
+            (0.59, 12.3, true),
+            (0.61, 12.3, false),
+            (5.0, 9.7, true),
+            (5.0, 15.0, false),
+        ] {
+            assert_eq!(channel.holds(&Point3::new(x, 0.0, z), 0.6), expected, "{x} {z}");
+        }
+        // Drawn back, and on from the end.
+        channel.cut(&Point3::new(0.0, 0.0, 19.9));
+        assert!(channel.holds(&Point3::new(0.0, 0.0, 19.7), 0.6));
+        (0..=100).for_each(|at| channel.cut(&Point3::new(0.0, 0.0, 20.0 + 0.05 * f64::from(at))));
+        assert!(channel.holds(&Point3::new(0.0, 0.0, 24.7), 0.6));
+    }
+}

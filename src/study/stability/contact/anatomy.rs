@@ -1,0 +1,260 @@
+//! Regions that elements do not follow: thin ones, and borders that a needle runs along.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::setup::{ASIDE, EXTENT, STEP_S, Watch, build, coarse, resistance};
+use crate::mechanics::insertion::spring::MassSpring;
+use crate::mechanics::insertion::{Anatomy, Bone, EventKind, Instruments, Interaction, Model, Outcome};
+use crate::mechanics::needle::Shaft;
+use crate::mechanics::tissue::material::Material;
+use crate::study::block;
+use crate::study::stability::record::{Record, Unexpected, largest};
+
+const SOFT: Interaction = Interaction {
+    friction_n_per_mm: 0.01,
+    cutting_n: 0.2,
+    puncture_n: 0.0,
+    ..block::USUAL
+};
+/// A surface that breaks at 1.5 N.
+const TOUGH: Interaction = Interaction {
+    puncture_n: 1.5,
+    ..SOFT
+};
+const BONE: Bone = Bone {
+    stiffness_n_per_mm: 20.0,
+    penetration_mm: 0.5,
+};
+/// No border counts within this of the last one, mm (`insertion::finite`).
+const BORDER_MM: f64 = 0.5;
+
+/// Region 0 below a skin through a point of the axis at z = 0, region 1 from one plane to another.
+#[derive(Clone, Copy, Debug)]
+struct Slab {
+    skin: Vector3<f64>,
+    from: (Vector3<f64>, f64),
+    thick_mm: f64,
+    of: [Interaction; 2],
+}
+
+impl Slab {
+    /// Region 1 where z is from `from_mm` on.
+    fn level(from_mm: f64, thick_mm: f64, of: [Interaction; 2]) -> Slab {
+        Slab {
+            skin: Vector3::z(),
+            from: (Vector3::z(), from_mm),
+            thick_mm,
+            of,
+        }
+    }
+}
+
+impl Anatomy for Slab {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        let place = at_rest_mm - Point3::new(ASIDE[0], ASIDE[1], 0.0);
+        let into = place.dot(&self.from.0) - self.from.1;
+        (place.dot(&self.skin) >= 0.0).then_some(i32::from((0.0..self.thick_mm).contains(&into)))
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.of[usize::from(region == 1)]
+    }
+}
+
+fn finite(slab: Slab, cell_mm: f64) -> Result<Box<dyn Model>, Unexpected> {
+    let mesh = block::plain(EXTENT, cell_mm)?;
+    let mut setup = block::on_table(mesh, Material::new(20.0, 0.45)?, SOFT, block::rigid()?);
+    setup.anatomy = Some(Arc::new(slab));
+    Ok(Box::new(build(setup)?))
+}
+
+fn springs(slab: Slab) -> Result<Box<dyn Model>, Unexpected> {
+    Ok(Box::new(MassSpring::new(coarse(), Box::new(slab), block::rigid()?)?))
+}
+
+/// A needle in a direction, its tip so far beyond the point of the axis at z = 0, mm.
+fn along(direction: &Vector3<f64>, depth_mm: f64) -> Instruments {
+    let turn = UnitQuaternion::rotation_between(&Vector3::z(), direction).unwrap_or_default();
+    let tip = Vector3::new(ASIDE[0], ASIDE[1], 0.0) + direction * depth_mm;
+    let base = Isometry3::from_parts(Translation3::from(tip - direction * Shaft::default().length_mm), turn);
+    Instruments {
+        base,
+        ..block::tip_at([0.0; 3])
+    }
+}
+
+/// Steps of 0.1 mm in a direction, from 1 mm before the point on the axis on.
+fn push(
+    model: &mut dyn Model,
+    direction: &Vector3<f64>,
+    to_mm: f64,
+    mut see: impl FnMut(&Outcome),
+) -> Result<Watch, Unexpected> {
+    let mut watch = Watch::default();
+    model.start(&along(direction, -1.0));
+    for step in 1..=(10.0 * (to_mm + 1.0)).round() as usize {
+        let outcome = model.step(&along(direction, 0.1 * step as f64 - 1.0), STEP_S)?;
+        watch.see(outcome);
+        see(outcome);
+    }
+    Ok(watch)
+}
+
+fn count(outcome: &Outcome, kind: EventKind) -> usize {
+    outcome.events.iter().filter(|event| event.kind == kind).count()
+}
+
+/// A layer of a tenth of an element at any place in it breaks where it lies, with its force.
+pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let places = [11.0, 13.3, 15.7, 18.1, 19.6];
+    let (mut place_off, mut force_off, mut missed) = (0.0, 0.0, 0);
+    let mut watch = Watch::default();
+    for (at, from) in places.into_iter().enumerate() {
+        record.done(at as f64 / places.len() as f64);
+        let mut model = finite(Slab::level(from, 1.0, [SOFT, TOUGH]), 10.0)?;
+        let (mut before, mut broken) = ((0.0, 0.0), Vec::new());
+        let seen = push(model.as_mut(), &Vector3::z(), 40.0, |outcome| {
+            if count(outcome, EventKind::Puncture) > 0 {
+                broken.push(before);
+            }
+            let at_rest = outcome.tip_at_rest_mm.map_or(0.0, |place| place.z);
+            before = (
+                at_rest,
+                resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm,
+            );
+        })?;
+        watch.broken += seen.broken;
+        watch.unsettled += seen.unsettled;
+        watch.untold += seen.untold;
+        missed += broken.len().abs_diff(1);
+        for (place, force) in broken {
+            place_off = largest([place_off, (place - from).abs()]);
+            force_off = largest([force_off, (force - TOUGH.puncture_n).abs()]);
+        }
+    }
+    watch.write(record, "thin layer");
+    record.zero("punctures missed or beyond one a layer", missed as f64);
+    record.under("where the layer breaks at rest, mm off", place_off, 0.15);
+    record.under("force at which it breaks, N off", force_off, 0.1);
+    Ok(())
+}
+
+/// Along a border that a needle crosses at half a degree, and comes back across.
+pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    for (tilt, name) in [(0.0, "in the border"), (0.5f64, "at 0.5 degrees")] {
+        let normal = Vector3::new(tilt.to_radians().cos(), 0.0, tilt.to_radians().sin());
+        let slab = Slab {
+            from: (normal, 20.0 * normal.z),
+            ..Slab::level(0.0, f64::INFINITY, [SOFT, TOUGH])
+        };
+        let mut model = finite(slab, 10.0)?;
+        let (mut crossings, mut excess) = (0, 0.0);
+        let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
+            crossings += count(outcome, EventKind::Region);
+            let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
+            excess = largest([excess, resistance(outcome) - most]);
+        })?;
+        watch.write(record, name);
+        record.under(format!("borders crossed, {name}"), crossings as f64, 60.0 / BORDER_MM);
+        record.under(
+            format!("force beyond that of the tougher side, N, {name}"),
+            excess,
+            1e-3,
+        );
+    }
+    Ok(())
+}
+
+/// Through a skin at 30 degrees to it.
+pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let direction = Vector3::new(3f64.sqrt(), 0.0, 1.0).normalize();
+    let kinds = [
+        (
+            "finite elements",
+            finite(Slab::level(2.0, f64::INFINITY, [TOUGH, SOFT]), 10.0)?,
+        ),
+        (
+            "masses and springs",
+            springs(Slab::level(2.0, f64::INFINITY, [TOUGH, SOFT]))?,
+        ),
+    ];
+    for (name, mut model) in kinds {
+        let (mut skin, mut excess) = (f64::NAN, 0.0);
+        let watch = push(model.as_mut(), &direction, 30.0, |outcome| {
+            if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Skin) {
+                skin = event.at_mm.z;
+            }
+            let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
+            excess = largest([excess, -outcome.on_hand.force_n.dot(&direction) - most]);
+        })?;
+        watch.write(record, name);
+        record.under(format!("where the skin is met, mm off, {name}"), skin.abs(), 1e-6);
+        record.under(format!("force beyond puncture and friction, N, {name}"), excess, 0.05);
+    }
+    Ok(())
+}
+
+/// Bone whose surface lies at 5 degrees to the needle.
+pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let tilt = 5f64.to_radians();
+    let normal = Vector3::new(tilt.cos(), 0.0, tilt.sin());
+    let bone = Interaction {
+        bone: Some(BONE),
+        ..SOFT
+    };
+    let slab = Slab {
+        from: (normal, 30.0 * normal.z),
+        ..Slab::level(0.0, f64::INFINITY, [SOFT, bone])
+    };
+    for (name, mut model) in [
+        ("finite elements", finite(slab, 10.0)?),
+        ("masses and springs", springs(slab)?),
+    ] {
+        let (mut met, mut deepest, mut most) = (0, 0.0, 0.0);
+        let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
+            met += count(outcome, EventKind::Bone);
+            deepest = largest([deepest, outcome.tip_mm.z]);
+            most = largest([most, resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm]);
+        })?;
+        watch.write(record, name);
+        record.zero(format!("times that bone is met, beyond once, {name}"), met as f64 - 1.0);
+        record.under(
+            format!("depth along the needle, mm, {name}"),
+            deepest - 30.0,
+            BONE.penetration_mm + 0.1,
+        );
+        let limit = BONE.stiffness_n_per_mm * BONE.penetration_mm;
+        record.under(format!("force beyond the limit of bone, N, {name}"), most - limit, 0.05);
+    }
+    Ok(())
+}
+
+/// A tip that trembles by 0.05 mm at the border of a surface that it has broken.
+pub fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let mut model = finite(Slab::level(20.0, f64::INFINITY, [SOFT, TOUGH]), 10.0)?;
+    let mut depth = 0.0;
+    // Until the surface breaks: the tip is then at the border at rest.
+    model.start(&along(&Vector3::z(), -1.0));
+    let mut broken = false;
+    while !broken && depth < 60.0 {
+        depth += 0.02;
+        broken = count(model.step(&along(&Vector3::z(), depth), STEP_S)?, EventKind::Puncture) > 0;
+    }
+    let (mut watch, mut again, mut most) = (Watch::default(), 0, 0.0);
+    for step in 0..1000 {
+        let phase = 0.7 * f64::from(step);
+        let mut hand = along(&Vector3::z(), depth + 0.05 * phase.sin());
+        hand.base.translation.vector.x += 0.05 * (1.3 * phase).cos();
+        let outcome = model.step(&hand, STEP_S)?;
+        watch.see(outcome);
+        again += count(outcome, EventKind::Puncture) + count(outcome, EventKind::Region);
+        most = largest([most, resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm]);
+    }
+    watch.write(record, "trembling");
+    record.zero("the surface was not reached", f64::from(u8::from(!broken)));
+    record.zero("borders crossed and surfaces broken again", again as f64);
+    record.under("force beyond that of cutting, N", most - SOFT.cutting_n, 0.05);
+    Ok(())
+}

@@ -1,0 +1,253 @@
+//! What the needle meets is the anatomy, whatever mesh carries it.
+
+use std::sync::Arc;
+
+use insonify::mechanics::insertion::finite::Finite;
+use insonify::mechanics::insertion::{Anatomy, Bone, EventKind, Interaction, Outcome, Peak};
+use insonify::mechanics::needle::{BendingConstraint, Constrained, Shaft};
+use insonify::mechanics::tissue::material::Material;
+use nalgebra::Point3;
+
+use super::support::{LENGTH, block, build, events, on_table, resistance, travel};
+
+/// Layers of regions 0, 1, ... along z: where each begins (mm), and what it does to the needle.
+#[derive(Clone, Debug)]
+struct Layers(Vec<(f64, Interaction)>);
+
+impl Anatomy for Layers {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        let above = self.0.iter().take_while(|(from, _)| *from <= at_rest_mm.z).count();
+        above.checked_sub(1).map(|at| at as i32)
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        self.0[region as usize].1
+    }
+}
+
+const FAT: Interaction = Interaction {
+    friction_n_per_mm: 0.005,
+    static_ratio: 1.0,
+    cutting_n: 0.1,
+    puncture_n: 0.0,
+    peak: None,
+    bone: None,
+    critical: false,
+};
+
+/// What a surface that breaks at so many newtons makes of fat.
+fn behind(puncture_n: f64) -> Interaction {
+    Interaction { puncture_n, ..FAT }
+}
+
+/// A block of 60 x 60 x 80 mm of some stiffness in cells of a size, with layers that its elements know nothing of.
+fn carried(layers: &Layers, cell: f64, young_kpa: f64) -> Finite {
+    let mut setup = on_table(block([60.0, 60.0, 80.0], cell), Interaction::default());
+    setup
+        .materials
+        .fill(Material::new(young_kpa, 0.45).expect("a material"));
+    setup.anatomy = Some(Arc::new(layers.clone()));
+    build(setup)
+}
+
+fn surfaces(steps: &[Outcome]) -> Vec<(EventKind, Option<i32>)> {
+    let kinds = [
+        EventKind::Skin,
+        EventKind::Region,
+        EventKind::Puncture,
+        EventKind::Critical,
+    ];
+    let found = events(steps).into_iter().filter(|event| kinds.contains(&event.kind));
+    found.map(|event| (event.kind, event.region)).collect()
+}
+
+/// A skin of 2 mm, a tenth of the largest element: it is touched and breaks where it lies, at the force that it has, and so does all
+/// behind it, in the same order whatever the mesh.
+#[test]
+fn layers_break_where_they_lie_at_any_mesh() {
+    use EventKind::{Critical, Puncture, Region, Skin};
+    let vessel = Interaction {
+        critical: true,
+        ..behind(0.8)
+    };
+    let layers = Layers(vec![
+        (0.0, behind(2.0)),
+        (2.0, FAT),
+        (17.3, behind(1.2)),
+        (31.0, vessel),
+    ]);
+    for cell in [8.0, 12.0, 20.0] {
+        let mut finite = carried(&layers, cell, 20.0);
+        let steps = travel(&mut finite, -1.0, 60.0, 0.05);
+        let expected = [
+            (Skin, Some(0)),
+            (Puncture, Some(0)),
+            (Region, Some(1)),
+            (Region, Some(2)),
+            (Puncture, Some(2)),
+            (Region, Some(3)),
+            (Critical, Some(3)),
+            (Puncture, Some(3)),
+        ];
+        assert_eq!(surfaces(&steps), expected, "cells of {cell} mm");
+        let mut broken = steps
+            .windows(2)
+            .filter(|pair| pair[1].events.iter().any(|event| event.kind == Puncture));
+        for (place, force) in [(0.0, 2.0), (17.3, 1.2), (31.0, 0.8)] {
+            let before = &broken.next().expect("a puncture")[0];
+            let at_rest = before.tip_at_rest_mm.expect("a tip in tissue").z;
+            assert!(
+                (at_rest - place).abs() < 0.1,
+                "{at_rest} at {place}, cells of {cell} mm"
+            );
+            // The friction of the shaft behind the tip comes on top.
+            let shaft = 0.005 * before.inserted_mm;
+            let felt = resistance(before);
+            assert!(
+                felt > force - 0.06 && felt < force + shaft + 0.01,
+                "{felt} N of {force}, cells of {cell} mm"
+            );
+        }
+    }
+}
+
+/// Where the surface of the mesh lies beside that of the body, the skin is that of the body.
+#[test]
+fn skin_beside_the_surface_of_the_mesh_is_felt_where_it_lies() {
+    for z in [-1.5, 1.5] {
+        let layers = Layers(vec![(z, behind(1.0))]);
+        let mut finite = carried(&layers, 10.0, 20.0);
+        let steps = travel(&mut finite, -4.0, 20.0, 0.05);
+        let skin = events(&steps)[0];
+        assert!(
+            skin.kind == EventKind::Skin && (skin.at_mm.z - z).abs() < 1e-6,
+            "{skin:?}"
+        );
+        let most = steps.iter().map(resistance).fold(0.0, f64::max);
+        assert!((0.95..1.05).contains(&most), "{most} N at {z} mm");
+    }
+}
+
+/// Dehghan et al. 2008, Fig. 12, in tissue a thousand times stiffer than soft tissue: four regions of constant slope, with
+/// breaks at the widths of the peaks and at the boundary.
+#[test]
+fn the_three_parameter_force_has_the_four_slopes_of_its_layers() {
+    let of = |friction_n_per_mm, density_n_per_mm, width_mm| Interaction {
+        friction_n_per_mm,
+        cutting_n: 0.0,
+        peak: Some(Peak {
+            density_n_per_mm,
+            width_mm,
+        }),
+        ..FAT
+    };
+    let layers = Layers(vec![(0.0, of(0.02, 0.12, 8.0)), (25.0, of(0.05, 0.20, 12.0))]);
+    let mut finite = carried(&layers, 10.0, 2e4);
+    let steps = travel(&mut finite, -1.0, 60.0, 0.05);
+    let slope = |from: f64, to: f64| {
+        let at = |z: f64| steps.iter().find(|it| it.tip_mm.z >= z).expect("a step");
+        let [a, b] = [at(from), at(to)];
+        (resistance(b) - resistance(a)) / (b.tip_mm.z - a.tip_mm.z)
+    };
+    for (from, to, expected) in [
+        (1.0, 7.8, 0.12),
+        (8.2, 24.8, 0.02),
+        (25.2, 32.8, 0.20 - 0.12 + 0.02),
+        (33.2, 36.8, 0.20),
+        (37.2, 59.0, 0.05),
+    ] {
+        let found = slope(from, to);
+        assert!(
+            (found - expected).abs() < 0.01 * expected + 2e-4,
+            "{found} N/mm from {from} to {to} mm, {expected} expected"
+        );
+    }
+}
+
+/// Along a path that is cut a needle meets friction alone, up to its end; beside it everything (Dehghan et al. 2008, Fig. 9).
+#[test]
+fn a_path_that_is_cut_takes_less_force() {
+    let layers = Layers(vec![(0.0, behind(1.0)), (20.0, behind(1.0))]);
+    let mut finite = carried(&layers, 10.0, 20.0);
+    let first = travel(&mut finite, -1.0, 40.0, 0.1);
+    travel(&mut finite, 40.0, -2.0, 0.1);
+    let again = travel(&mut finite, -2.0, 55.0, 0.1);
+    assert_eq!(
+        events(&first)
+            .iter()
+            .filter(|event| event.kind == EventKind::Puncture)
+            .count(),
+        2
+    );
+    assert!(!events(&again).iter().any(|event| event.kind == EventKind::Puncture));
+    for it in again.iter().filter(|it| it.tip_mm.z < 39.0) {
+        assert!(resistance(it) < 0.005 * it.inserted_mm + 1e-3, "{it:?}");
+    }
+    let last = again.last().expect("steps");
+    assert!(
+        (resistance(last) - 0.005 * last.inserted_mm - 0.1).abs() < 0.03,
+        "beyond it cuts again: {last:?}"
+    );
+}
+
+/// The force of bone has a limit, and a needle that nothing bends is not deflected by it.
+#[test]
+fn bone_stops_a_needle_at_a_limit() {
+    let bone = Interaction {
+        bone: Some(Bone {
+            stiffness_n_per_mm: 40.0,
+            penetration_mm: 0.5,
+        }),
+        ..FAT
+    };
+    let layers = Layers(vec![(0.0, FAT), (30.0, bone)]);
+    let mut finite = carried(&layers, 10.0, 20.0);
+    let steps = travel(&mut finite, -1.0, 70.0, 0.1);
+    let met: Vec<_> = events(&steps)
+        .into_iter()
+        .filter(|event| event.kind == EventKind::Bone)
+        .collect();
+    assert_eq!(met.len(), 1);
+    let last = steps.last().expect("steps");
+    assert!(
+        (resistance(last) - 20.0 - 0.005 * last.inserted_mm).abs() < 0.05,
+        "{last:?}"
+    );
+    assert!(
+        last.tip_mm.z < met[0].at_mm.z + 0.5 + 1e-6 && last.tip_deflection_mm < 1e-9,
+        "{last:?}"
+    );
+}
+
+/// A constrained needle is as far from the one that is measured as its law says (Zhu et al. 2007, section 2.3).
+#[test]
+fn a_constrained_needle_is_deflected_from_the_measured_one() {
+    let layers = Layers(vec![(0.0, Interaction::default())]);
+    let shaft = Shaft {
+        length_mm: LENGTH,
+        ..Shaft::default()
+    };
+    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), Interaction::default());
+    setup.anatomy = Some(Arc::new(layers));
+    setup.needle = Box::new(Constrained::new(shaft, BendingConstraint::default()).expect("a needle"));
+    let mut finite = build(setup);
+    travel(&mut finite, -1.0, 40.0, 0.5);
+    // The hand turns the needle about its base by 4 mm at the tip.
+    use insonify::mechanics::insertion::{Instruments, Model};
+    let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), 4.0 / LENGTH);
+    let base = nalgebra::Isometry3::from_parts(nalgebra::Translation3::new(31.3, 28.9, 40.0 - LENGTH), turn);
+    let outcome = finite
+        .step(
+            &Instruments {
+                base,
+                probe: None,
+                guide: None,
+                deposit: false,
+            },
+            1e-3,
+        )
+        .expect("a step");
+    let measured = base * Point3::new(0.0, 0.0, LENGTH);
+    assert!((outcome.tip_deflection_mm - (outcome.tip_mm - measured).norm()).abs() < 1e-12);
+    assert!(outcome.tip_deflection_mm > 0.01, "{outcome:?}");
+}
