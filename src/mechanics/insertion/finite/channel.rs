@@ -27,11 +27,11 @@ impl Channel {
         })
     }
 
-    /// Takes the cutting tip to a point: the path that ends there grows, or another begins.
-    pub fn cut(&mut self, point: &Point3<f64>) {
-        let near = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(|end| (point - end).norm() <= SPACING_MM);
-        let Some(path) = self.paths.iter_mut().rev().find(near) else {
-            self.paths.push(vec![*point; 2]);
+    /// Takes the cutting tip from a point to another: the path that ends there grows, or another begins.
+    pub fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
+        let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(|end| (from - end).norm() <= END_MM);
+        let Some(path) = self.paths.iter_mut().rev().find(ends_here) else {
+            self.paths.push(vec![*from, *point]);
             return;
         };
         if let [.., before, end] = &mut path[..] {
@@ -46,11 +46,11 @@ impl Channel {
     }
 }
 
-/// Distance of a point from a segment, mm; infinite beyond the end of the `last`.
+/// Distance of a point from a segment, mm; infinite beyond the end of the `last`, and from one without length.
 fn distance(point: &Point3<f64>, ends: &[Point3<f64>], last: bool) -> f64 {
     let (along, off) = (ends[1] - ends[0], point - ends[0]);
-    let share = off.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
-    if last && share > 1.0 {
+    let share = off.dot(&along) / along.norm_squared();
+    if !share.is_finite() || (last && share > 1.0) {
         return f64::INFINITY;
     }
     (off - along * share.clamp(0.0, 1.0)).norm()
@@ -60,16 +60,18 @@ fn distance(point: &Point3<f64>, ends: &[Point3<f64>], last: bool) -> f64 {
 mod tests {
     use super::*;
 
-    fn cut(channel: &mut Channel, x: f64, to: f64) {
-        (0..=(to / 0.05) as usize).for_each(|at| channel.cut(&Point3::new(x, 0.0, 0.05 * at as f64)));
+    fn go(channel: &mut Channel, x: f64, from: f64, to: f64) {
+        let at = |step: f64| Point3::new(x, 0.0, from + 0.05 * step);
+        (1..=((to - from) / 0.05).round() as u32)
+            .for_each(|step| channel.cut(&at(f64::from(step) - 1.0), &at(f64::from(step))));
     }
 
     #[test]
     fn a_path_is_cut_up_to_its_end_and_no_wider_than_the_needle() {
         let mut channel = Channel::default();
         assert!(!channel.holds(&Point3::origin(), 0.6));
-        cut(&mut channel, 0.0, 20.0);
-        cut(&mut channel, 5.0, 10.0);
+        go(&mut channel, 0.0, 0.0, 20.0);
+        go(&mut channel, 5.0, 0.0, 10.0);
         for (x, z, expected) in [
             (0.0, 0.0, true),
             (0.0, 19.7, true),
@@ -82,10 +84,13 @@ mod tests {
         ] {
             assert_eq!(channel.holds(&Point3::new(x, 0.0, z), 0.6), expected, "{x} {z}");
         }
-        // Drawn back, and on from the end.
-        channel.cut(&Point3::new(0.0, 0.0, 19.9));
+        // Drawn back a little, on from the end, and through a surface behind which tissue springs back.
+        channel.cut(&Point3::new(0.0, 0.0, 20.0), &Point3::new(0.0, 0.0, 19.9));
         assert!(channel.holds(&Point3::new(0.0, 0.0, 19.7), 0.6));
-        (0..=100).for_each(|at| channel.cut(&Point3::new(0.0, 0.0, 20.0 + 0.05 * f64::from(at))));
-        assert!(channel.holds(&Point3::new(0.0, 0.0, 24.7), 0.6));
+        go(&mut channel, 0.0, 19.9, 25.0);
+        channel.cut(&Point3::new(0.0, 0.0, 25.0), &Point3::new(0.0, 0.0, 28.0));
+        for (z, expected) in [(24.7, true), (25.1, true), (26.5, true), (28.5, false)] {
+            assert_eq!(channel.holds(&Point3::new(0.0, 0.0, z), 0.6), expected, "{z}");
+        }
     }
 }

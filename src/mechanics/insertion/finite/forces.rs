@@ -111,7 +111,7 @@ impl Finite {
         let at = self.contacts.len();
         // What is cut passes between the tip and the node that was made there.
         if has_tip && !had_tip {
-            let cutting = self.cutting()[0];
+            let cutting = self.cutting();
             let mut share = Vector3::zeros();
             if let Some(last) = self.forces[..at].last_mut() {
                 let tangent = self.line.at(self.line.length_mm()).tangent;

@@ -101,8 +101,8 @@ impl Finite {
         };
         self.tip.outside = false;
         self.tip.in_channel = self.channel.holds(&self.tip.reference, self.needle.radius_mm());
-        if !self.tip.in_channel {
-            self.channel.cut(&self.tip.reference);
+        if !self.tip.in_channel && advance > 0.0 {
+            self.channel.cut(&before, &self.tip.reference);
         }
         if self.of(region).bone.is_some() {
             self.stop_at_bone(region, advance);
@@ -143,13 +143,14 @@ impl Finite {
 
     /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
     fn stop_at_bone(&mut self, region: i32, advance: f64) {
-        let Some(bone) = self.of(region).bone.filter(|_| !self.tip.in_bone()) else {
+        // Drawn back it meets no more.
+        let Some(bone) = self.of(region).bone.filter(|_| !self.tip.in_bone() && advance >= 0.0) else {
             return;
         };
         let ShaftPoint { point_mm, tangent } = self.line.at(self.line.length_mm());
         let border = self.border_behind(&tangent, |other| other == Some(region));
         // A needle that has come in from the side has not come farther along itself.
-        let depth = border.unwrap_or(0.0).min(advance.max(0.0));
+        let depth = border.unwrap_or(0.0).min(advance);
         self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
     }
 

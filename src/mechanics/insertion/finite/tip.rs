@@ -109,7 +109,7 @@ impl Finite {
                 .position(|corner| *corner == node)
                 .map_or(0.0, |at| place.bary[at]);
             self.tip.at_node = share > AT_NODE;
-            if self.cutting()[1] > 0.0 && !self.tip.at_node {
+            if self.cutting() > 0.0 && !self.tip.at_node {
                 self.take_corners(&place);
                 self.tip.row = Some(self.row_at(&place, Slider::new(state)));
             }
@@ -125,20 +125,20 @@ impl Finite {
         bound(self.anatomy.as_ref(), &mut self.contacts, end, cuts);
         let cutting = self.cutting();
         match (&mut self.tip.row, self.contacts.last_mut()) {
-            (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting[0], 0.0], [cutting[1], 0.0]),
+            (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting, 0.0], [cutting, 0.0]),
             (None, Some(last)) if self.tip.at_node => {
-                last.slider.sliding[0] += cutting[0];
-                last.slider.holding[0] += cutting[1];
+                last.slider.sliding[0] += cutting;
+                last.slider.holding[0] += cutting;
             }
             _ => {}
         }
     }
 
-    /// What cutting at the tip takes, N: while it goes on, and before, where a surface withstands more until it breaks.
-    pub(super) fn cutting(&self) -> [f64; 2] {
+    /// What cutting at the tip takes, N: more at a surface, until the tip has slipped into that.
+    pub(super) fn cutting(&self) -> f64 {
         let of = interaction(self.anatomy.as_ref(), self.tip.region);
         let cutting = if self.tip.in_channel { 0.0 } else { of.cutting_n };
-        [cutting, self.tip.surface.unwrap_or(cutting)]
+        self.tip.surface.unwrap_or(cutting)
     }
 
     /// What the tip acts on.

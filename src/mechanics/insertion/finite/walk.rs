@@ -21,7 +21,6 @@ impl Finite {
     /// Where the tip is when it is in the body for the first time: only the probe displaces the tissue then.
     pub(super) fn enter(&mut self, tip: &Point3<f64>) -> Option<Place> {
         if self.press.is_none() {
-            self.anatomy.region(tip)?;
             return self.place_at_rest(tip, NONE);
         }
         let mut place = self.place_at_rest(tip, NONE)?;
@@ -37,13 +36,14 @@ impl Finite {
         self.walk(tip, place.element)
     }
 
-    /// The place of a point in the mesh as it was made; of one beside it, that of the element at the nearest face.
+    /// The place of a point in the mesh as it was made; of one in the body but beside the mesh, that of the element at the nearest face.
     fn place_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let hit = self.locator.locate((*point).into(), from);
         if hit.element != NONE {
             let (element, bary) = (hit.element, hit.bary);
             return Some(Place { element, bary });
         }
+        self.anatomy.region(point)?;
         let distance = |centre: &Point3<f64>| (centre - point).norm_squared();
         let nearest = self
             .surface

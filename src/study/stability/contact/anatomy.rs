@@ -66,6 +66,15 @@ impl Anatomy for Slab {
 fn finite(slab: Slab, cell_mm: f64) -> Result<Box<dyn Model>, Unexpected> {
     let mesh = block::plain(EXTENT, cell_mm)?;
     let mut setup = block::on_table(mesh, Material::new(20.0, 0.45)?, SOFT, block::rigid()?);
+    // Bone is held.
+    let is_bone = |p: &[f64; 3]| {
+        slab.region(&Point3::from(*p))
+            .is_some_and(|region| slab.interaction(region).bone.is_some())
+    };
+    let held = (0..).zip(setup.mesh.nodes()).filter(|(_, p)| is_bone(p));
+    setup
+        .fixed
+        .extend(held.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))));
     setup.anatomy = Some(Arc::new(slab));
     Ok(Box::new(build(setup)?))
 }
@@ -150,11 +159,11 @@ pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ..Slab::level(0.0, f64::INFINITY, [SOFT, TOUGH])
         };
         let mut model = finite(slab, 10.0)?;
-        let (mut crossings, mut excess) = (0, 0.0);
+        let (mut crossings, mut excess) = (0, 0.0f64);
         let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
             crossings += count(outcome, EventKind::Region);
             let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
-            excess = largest([excess, resistance(outcome) - most]);
+            excess = excess.max(resistance(outcome) - most);
         })?;
         watch.write(record, name);
         record.under(format!("borders crossed, {name}"), crossings as f64, 60.0 / BORDER_MM);
@@ -181,13 +190,13 @@ pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ),
     ];
     for (name, mut model) in kinds {
-        let (mut skin, mut excess) = (f64::NAN, 0.0);
+        let (mut skin, mut excess) = (f64::NAN, 0.0f64);
         let watch = push(model.as_mut(), &direction, 30.0, |outcome| {
             if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Skin) {
                 skin = event.at_mm.z;
             }
             let most = TOUGH.puncture_n + SOFT.friction_n_per_mm * outcome.inserted_mm;
-            excess = largest([excess, -outcome.on_hand.force_n.dot(&direction) - most]);
+            excess = excess.max(-outcome.on_hand.force_n.dot(&direction) - most);
         })?;
         watch.write(record, name);
         record.under(format!("where the skin is met, mm off, {name}"), skin.abs(), 1e-6);
@@ -212,10 +221,10 @@ pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("finite elements", finite(slab, 10.0)?),
         ("masses and springs", springs(slab)?),
     ] {
-        let (mut met, mut deepest, mut most) = (0, 0.0, 0.0);
+        let (mut met, mut deepest, mut most) = (0, 0.0f64, 0.0f64);
         let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
             met += count(outcome, EventKind::Bone);
-            deepest = largest([deepest, outcome.tip_mm.z]);
+            deepest = deepest.max(outcome.tip_mm.z);
             most = largest([most, resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm]);
         })?;
         watch.write(record, name);
@@ -242,7 +251,7 @@ pub fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
         depth += 0.02;
         broken = count(model.step(&along(&Vector3::z(), depth), STEP_S)?, EventKind::Puncture) > 0;
     }
-    let (mut watch, mut again, mut most) = (Watch::default(), 0, 0.0);
+    let (mut watch, mut again, mut most) = (Watch::default(), 0, 0.0f64);
     for step in 0..1000 {
         let phase = 0.7 * f64::from(step);
         let mut hand = along(&Vector3::z(), depth + 0.05 * phase.sin());
