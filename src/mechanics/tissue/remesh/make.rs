@@ -77,7 +77,7 @@ impl Entry for f64 {
 ///
 /// # Errors
 /// [`RemeshError::Unsuited`] where the source cannot give what is asked, or f32 does not suffice for the materials, or, at the
-/// exact level, the source leaves a larger residual than `options` have it (its mesh is barely held, for instance); or as
+/// exact level, the source leaves a residual above a tenth of `residual_single` of `options` (its mesh is barely held, for instance); or as
 /// [`Levels::new`] and [`Exact::new`].
 pub fn make(
     level: Level,
@@ -99,12 +99,10 @@ pub fn make(
             let compliance = source.clone().into_compliance();
             let mut exact = Exact::new(mesh, compliance, source.precision(), options)?;
             let size = mesh.dofs().free();
-            let residual = exact.residual(mesh, &[size / 3, size - 1 - size / 3])?;
-            let limit = match source.precision() {
-                Precision::Single => options.residual_single,
-                Precision::Double => options.residual_double,
-            };
-            // It corrects the moves of nodes alone: what the base lacks stays lacking.
+            let sampled: Vec<usize> = [size / 3, 2 * size / 3].into_iter().filter(|dof| *dof < size).collect();
+            let (residual, limit) = (exact.residual(mesh, &sampled)?, 0.1 * options.residual_single);
+            // It corrects the moves of nodes alone, and multiplies what the base lacks. In f64 rounding beside stiff inclusions may
+            // leave more than level I keeps to, and does no harm.
             if residual > limit {
                 return Err(unsuited(&format!(
                     "the inverse of the base leaves a residual |K X e - e| of {residual:.0e}, at most {limit:.0e} is expected; \

@@ -102,14 +102,10 @@ impl Subject {
     /// # Errors
     /// [`StudyError`].
     pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, StudyError> {
-        Subject::on(mesh, &supports(mesh), options)
-    }
-
-    /// A mesh on supports.
-    pub(super) fn on(mesh: &TetMesh, dofs: &Dofs, options: &RemeshOptions) -> Result<Subject, StudyError> {
-        rigid::check(mesh, dofs)?;
+        let dofs = supports(mesh);
+        rigid::check(mesh, &dofs)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
-        let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], dofs)?;
+        let adapted = AdaptedMesh::new(mesh, &vec![material; mesh.elements().len()], &dofs)?;
         let factor = Arc::new(Factor::new(adapted.stiffness())?);
         let [entry, rest] = LINE.map(|share| place(mesh, share));
         let around = nearest_free(&adapted, entry, CONTACTS / 2)?;
