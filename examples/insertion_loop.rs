@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use insonify::mechanics::insertion::finite::{self, Finite, Setup};
 use insonify::mechanics::insertion::{Instruments, Interaction};
 use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::needle::{Bevel, LINK_MM, Shaft, Springs, Stiffness};
+use insonify::mechanics::needle::{BEVEL_MM, Bevel, LINK_MM, Shaft, Springs, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::remesh::{Level, Precision};
 use insonify::scene::SceneFile;
@@ -54,6 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         policy: Policy::Ease {
             over: Duration::from_millis(20),
         },
+        ..Options::default()
     };
     let simulator = Simulator::new(Box::new(model(mesh)?), synthesizer, 2.0 * SHAFT.radius_mm, options)?;
     let (haptic, imaging) = simulator.split();
@@ -87,7 +88,7 @@ fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
     let fixed = (0..mesh.nodes().len() as u32).filter(held);
     let bevel = Bevel {
         r_mm: 0.6,
-        length_mm: 4.0,
+        length_mm: BEVEL_MM,
     };
     let tissue = Interaction {
         friction_n_per_mm: 0.01,

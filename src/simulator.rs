@@ -6,9 +6,13 @@
 //! [`Simulator`] is both, to drive them in turn or to [split](Simulator::split) them. Where nothing is imaged, a
 //! [`Haptic`] is made alone: then no state is handed over, and the model is not asked for one.
 //!
+//! What haptic devices need besides is here too: a probe's pose from [`TwoPoints`] and the force on each, a [`Damper`], a
+//! [`LateralHold`], and a needle [`Guided`] by a template whose holes one device goes through in turn.
+//!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
 //! [`State`] and [`Recording`].
 
+mod devices;
 mod forces;
 mod hand_over;
 mod haptic;
@@ -24,6 +28,7 @@ use nalgebra::Matrix4;
 
 use crate::mechanics::insertion::{Instruments, Model, StepError};
 use crate::synth::{Frame, SynthError, Synthesizer};
+pub use devices::{Damper, Guided, HoldOptions, HoleError, InvalidDevice, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::{Imaging, InvalidImaging};
@@ -36,6 +41,8 @@ pub struct Options {
     pub budget: Duration,
     /// What the hand gets when a step took longer. Default [`Policy::Finish`].
     pub policy: Policy,
+    /// Two points that drive the probe, among which [`Forces::probe_points`] splits its force. Default none.
+    pub probe_points: Option<TwoPoints>,
 }
 
 impl Default for Options {
@@ -43,6 +50,7 @@ impl Default for Options {
         Self {
             budget: Duration::from_millis(1),
             policy: Policy::Finish,
+            probe_points: None,
         }
     }
 }

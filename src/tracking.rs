@@ -8,5 +8,6 @@ pub mod plus;
 pub mod pose;
 pub mod probe;
 pub mod sequence;
+pub mod template;
 pub mod trajectory;
 pub mod world;

@@ -28,7 +28,7 @@ The scenario file names a scene (what is imaged, and how the probe lies or moves
   friction_n_per_mm = 0.03
   [needle]
   model = \"springs\"
-  bevel = { r_mm = 0.6, length_mm = 5.0 }
+  bevel = { r_mm = 0.6 }
   [[needle.motion.keyframes]]
   time_s = 0.0
   tip_mm = [0.0, -5.0, -62.0]
@@ -52,9 +52,9 @@ Examples:
   insonify insert my.toml -o out --json | jq .step_ms
 
 Writes out/index.html (images, plots, events), out/plots, out/summary.json and out/steps.csv, a line a step. Its columns carry their unit
-(_mm, _n, _nmm, _s, _ms) but for directions (base_dx, base_dy, base_dz), counts and flags. base_* is in the needle's base frame,
-whose z axis points into the body, world_* in the world (LPS). Forces on the hand are what the needle does to it: along z negative while
-it is pushed in. docs/insertion.md explains each column, event and key of the summary.
+(_mm, _n, _nmm, _s, _ms) but for directions (base_dx, base_dy, base_dz), the quaternion of a probe in contact (probe_qx to probe_qw),
+counts and flags. base_* is in the needle's base frame, whose z axis points into the body, world_* in the world (LPS). Forces on the hand
+are what the needle does to it: along z negative while it is pushed in. docs/insertion.md explains each column, event and key of the summary.
 Files of the run before, which out/insonify.json lists, are replaced when the run is done, and only then; other files stay.
 Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could not do.";
 

@@ -22,6 +22,7 @@ pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use parts::InvalidPart;
 pub use probe::ProbeContact;
+pub(crate) use probe::{lever, pointed};
 
 /// Where the instruments are: what a step reads.
 #[derive(Clone, Copy, Debug, PartialEq)]

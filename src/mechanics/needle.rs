@@ -25,7 +25,7 @@ pub use cantilever::{Cantilever, ELEMENT_MM};
 pub(in crate::mechanics) use line::across;
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{Constrained, Rigid};
-pub use shaft::{Bevel, InvalidNeedleModel, Shaft};
+pub use shaft::{BEVEL_MM, Bevel, InvalidNeedleModel, Shaft};
 pub use springs::{LINK_MM, Springs, Stiffness};
 
 /// A force on the needle.

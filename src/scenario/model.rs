@@ -5,7 +5,6 @@ use std::sync::Arc;
 use nalgebra::Point3;
 
 use super::error::{ScenarioError, Wrong};
-use super::instruments::BevelSpec;
 use super::needle::Bending;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
@@ -13,9 +12,7 @@ use super::tissue::ColumnsName;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
-use crate::mechanics::needle::{
-    Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
-};
+use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
@@ -87,12 +84,8 @@ impl Scenario {
 
     fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
         let shaft = self.shaft();
-        let bevelled = |bevel: BevelSpec| Bevel {
-            r_mm: bevel.r_mm,
-            length_mm: bevel.length_mm,
-        };
         Ok(match self.needle.bending {
-            Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel.map(bevelled))?),
+            Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel)?),
             Bending::Constrained(constraint) => Box::new(Constrained::new(shaft, constraint)?),
             Bending::Springs {
                 stiffness_nmm2,
@@ -100,7 +93,7 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Springs::new(shaft, stiffness, link_mm, bevel.map(bevelled))?)
+                Box::new(Springs::new(shaft, stiffness, link_mm, bevel)?)
             }
             Bending::Beam {
                 stiffness_nmm2,
@@ -108,7 +101,7 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Cantilever::new(shaft, stiffness, element_mm, bevel.map(bevelled))?)
+                Box::new(Cantilever::new(shaft, stiffness, element_mm, bevel)?)
             }
         })
     }

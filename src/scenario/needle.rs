@@ -4,9 +4,9 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
-use super::instruments::{BevelSpec, NeedleModel, NeedleTable};
+use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
-use crate::mechanics::needle::{self, beam::bending_stiffness_nmm2};
+use crate::mechanics::needle::{self, BEVEL_MM, Bevel, beam::bending_stiffness_nmm2};
 use crate::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
 use crate::tracking::pose::Pose;
@@ -24,7 +24,7 @@ pub enum Bending {
     /// Not at all.
     None {
         /// The bevel, if it has one.
-        bevel: Option<BevelSpec>,
+        bevel: Option<Bevel>,
     },
     /// Constrained to the direction in which it entered.
     Constrained(BendingConstraint),
@@ -35,7 +35,7 @@ pub enum Bending {
         /// Length of a link, mm.
         link_mm: f64,
         /// The bevel, if it has one.
-        bevel: Option<BevelSpec>,
+        bevel: Option<Bevel>,
     },
     /// As a beam.
     Beam {
@@ -44,7 +44,7 @@ pub enum Bending {
         /// Length of an element, mm.
         element_mm: f64,
         /// The bevel, if it has one.
-        bevel: Option<BevelSpec>,
+        bevel: Option<Bevel>,
     },
 }
 
@@ -130,13 +130,6 @@ impl ScenarioFile {
         };
         let length_mm = table.length_mm.unwrap_or(usual[0]);
         let length_mm = within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?;
-        if let Some(bevel) = &table.bevel {
-            let range = |x: f64| (0.0..=5.0).contains(&x);
-            self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
-            let range = |x: f64| x > 0.0 && x < length_mm;
-            let expected = "above 0, less than the needle's length, mm";
-            self.number("needle.bevel.length_mm", bevel.length_mm, range, expected)?;
-        }
         let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
         Ok(NeedleSettings {
             length_mm,
@@ -147,7 +140,9 @@ impl ScenarioFile {
 
     fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
         match table.model {
-            NeedleModel::Rigid => Ok(Bending::None { bevel: table.bevel }),
+            NeedleModel::Rigid => Ok(Bending::None {
+                bevel: self.bevel(table, length_mm)?,
+            }),
             NeedleModel::Constrained => {
                 let (spec, usual) = (table.bending.unwrap_or_default(), BendingConstraint::default());
                 let constraint = BendingConstraint {
@@ -164,6 +159,21 @@ impl ScenarioFile {
             NeedleModel::Springs => self.springs(table, length_mm),
             NeedleModel::Beam => self.beam(table, length_mm),
         }
+    }
+
+    fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, ScenarioError> {
+        let Some(bevel) = table.bevel else { return Ok(None) };
+        let range = |x: f64| (0.0..=5.0).contains(&x);
+        let r_mm = self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
+        let range = |x: f64| x > 0.0 && x < length_mm;
+        let expected = "above 0, less than the needle's length, mm";
+        let length_mm = self.number(
+            "needle.bevel.length_mm",
+            bevel.length_mm.unwrap_or(BEVEL_MM),
+            range,
+            expected,
+        )?;
+        Ok(Some(Bevel { r_mm, length_mm }))
     }
 
     fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
@@ -193,7 +203,7 @@ impl ScenarioFile {
         Ok(Bending::Springs {
             stiffness_nmm2,
             link_mm,
-            bevel: table.bevel,
+            bevel: self.bevel(table, length_mm)?,
         })
     }
 
@@ -221,7 +231,7 @@ impl ScenarioFile {
         Ok(Bending::Beam {
             stiffness_nmm2,
             element_mm,
-            bevel: table.bevel,
+            bevel: self.bevel(table, length_mm)?,
         })
     }
 

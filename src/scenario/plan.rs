@@ -1,12 +1,12 @@
 //! A plan: holes of a template, and the motion and the seeds that insertions through them make.
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Point3, Unit};
 
 use super::error::ScenarioError;
 use super::file::ScenarioFile;
-use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle, TemplateSpec};
-use crate::document::nearest;
+use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle};
 use crate::scene::NeedleKeyframe;
+use crate::tracking::template::Template;
 
 /// Distance between holes where a template states none, mm: that of brachytherapy templates.
 const DEFAULT_SPACING_MM: f64 = 5.0;
@@ -48,35 +48,6 @@ pub struct Guide {
     pub at_mm: Point3<f64>,
 }
 
-/// A template that holds together.
-struct Template<'a> {
-    spec: &'a TemplateSpec,
-    origin: Point3<f64>,
-    steps: [Vector3<f64>; 2],
-    direction: Unit<Vector3<f64>>,
-}
-
-impl Template<'_> {
-    /// The middle of a hole.
-    fn hole(&self, name: &str) -> Option<Point3<f64>> {
-        let names = &self.spec.names;
-        let mut splits = names.columns.iter().enumerate().filter_map(|(column, title)| {
-            let row = name.strip_prefix(title.as_str())?;
-            let row = names.rows.iter().position(|title| title == row)?;
-            Some([column, row])
-        });
-        let [column, row] = splits.next_back()?;
-        Some(self.origin + self.steps[0] * column as f64 + self.steps[1] * row as f64)
-    }
-
-    fn names(&self) -> Vec<String> {
-        let names = &self.spec.names;
-        let rows = &names.rows;
-        let of_column = |column: &'_ str| -> Vec<String> { rows.iter().map(|row| format!("{column}{row}")).collect() };
-        names.columns.iter().flat_map(|column| of_column(column)).collect()
-    }
-}
-
 impl ScenarioFile {
     /// The targets of the plan.
     pub(super) fn targets(&self) -> Result<Vec<Target>, ScenarioError> {
@@ -94,7 +65,7 @@ impl ScenarioFile {
     pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
         let Some(plan) = &self.plan else { return Ok(None) };
         // What is written is right, whether a needle needs it or not.
-        let template = plan.template.as_ref().map(|spec| self.template(spec)).transpose()?;
+        let template = self.template()?;
         let [mut now_s, speed_mm_s, pause_s] = self.pace()?;
         if plan.needle.is_empty() {
             return Ok(None);
@@ -137,23 +108,17 @@ impl ScenarioFile {
     /// One insertion, with the length of the needle (mm), the speed (mm/s) of one that states none, and the pause (s) after each way.
     fn insertion(
         &self,
-        template: &Template<'_>,
+        template: &Template,
         (at, needle): (usize, &PlannedNeedle),
         [length_mm, speed_mm_s, pause_s]: [f64; 3],
         now_s: &mut f64,
         made: &mut Insertions,
     ) -> Result<(), ScenarioError> {
         let key = |key: &str| format!("plan.needle[{at}].{key}");
-        let hole = template.hole(&needle.hole).ok_or_else(|| {
-            let names = template.names();
-            let help = nearest(&needle.hole, names.iter().map(String::as_str));
-            let help = help.map(|meant| format!("did you mean \"{meant}\"?"));
-            let expected = match (names.first(), names.last()) {
-                (Some(first), Some(last)) => format!("a hole of the template, {first} to {last}"),
-                _ => "a hole of the template".to_owned(),
-            };
-            let found = format!("\"{}\"", needle.hole);
-            self.wrong_keys(key("hole"), found, expected).with_help(help)
+        let hole = template.hole(&needle.hole).map_err(|unknown| {
+            let help = unknown.meant.map(|meant| format!("did you mean \"{meant}\"?"));
+            let found = format!("\"{}\"", unknown.found);
+            self.wrong_keys(key("hole"), found, unknown.expected).with_help(help)
         })?;
         let reach = |x: f64| x > 0.0 && x < length_mm;
         let depth = self.number(
@@ -181,7 +146,8 @@ impl ScenarioFile {
         frame(*now_s + travel_s, depth);
         frame(back_s, depth);
         frame(back_s + travel_s, 0.0);
-        if template.spec.holds.unwrap_or(true) {
+        let spec = self.plan.as_ref().and_then(|plan| plan.template.as_ref());
+        if spec.and_then(|spec| spec.holds).unwrap_or(true) {
             made.guides.push(Guide {
                 during_s: [*now_s, back_s + travel_s],
                 at_mm: hole,
@@ -201,7 +167,14 @@ impl ScenarioFile {
         Ok(())
     }
 
-    fn template<'a>(&self, spec: &'a TemplateSpec) -> Result<Template<'a>, ScenarioError> {
+    /// The template of the plan, if it has one.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] at the key that is wrong.
+    pub fn template(&self) -> Result<Option<Template>, ScenarioError> {
+        let Some(spec) = self.plan.as_ref().and_then(|plan| plan.template.as_ref()) else {
+            return Ok(None);
+        };
         let key = |key: &str| format!("plan.template.{key}");
         let origin = self.place(&key("origin_mm"), spec.origin_mm)?;
         let x = self.direction(&key("x_axis"), spec.x_axis)?;
@@ -234,11 +207,12 @@ impl ScenarioFile {
                 None => {}
             }
         }
-        Ok(Template {
-            spec,
-            origin,
-            steps: [x.scale(spacing), y.scale(spacing)],
+        Ok(Some(Template {
+            origin_mm: origin,
+            steps_mm: [x.scale(spacing), y.scale(spacing)],
             direction,
-        })
+            columns: spec.names.columns.clone(),
+            rows: spec.names.rows.clone(),
+        }))
     }
 }

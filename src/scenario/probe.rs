@@ -94,25 +94,23 @@ impl ScenarioFile {
             off.abs() <= within && (reach[0]..=reach[1]).contains(&place.z)
         };
         let held = |node: u32| (0..3).any(|axis| fixed.binary_search(&(node, axis)).is_ok());
-        let all: Vec<u32> = surface(mesh, numbers.as_deref())
+        let candidates: Vec<u32> = surface(mesh, numbers.as_deref())
             .into_iter()
             .filter(|node| touches(*node) && !held(*node))
             .collect();
-        if all.is_empty() {
+        if candidates.is_empty() {
             let found = format!("no free node of the surface within {within} mm of the probe's cylinder");
             let expected = "a larger `within_mm`, another `surface_of`, or a mesh that leaves out what lies between (`tissue.outside`)";
             return Err(self.wrong_keys("contact_probe", found, expected));
         }
-        let candidates = all.into_iter().step_by(thinning as usize).collect();
-        Ok(Some(Contact {
-            probe: ProbeContact {
-                nominal,
-                length_mm: spec.length_mm,
-                candidates,
-                driven_at_mm: spec.driven_at_mm,
-            },
-            in_probe,
-        }))
+        let mut probe = ProbeContact {
+            nominal,
+            length_mm: spec.length_mm,
+            candidates,
+            driven_at_mm: spec.driven_at_mm,
+        };
+        probe.thin(mesh.nodes(), thinning as usize);
+        Ok(Some(Contact { probe, in_probe }))
     }
 
     /// Frame of the cylinder to the probe frame.

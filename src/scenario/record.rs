@@ -23,8 +23,8 @@ pub const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
 #[derive(Clone, Debug)]
 pub struct Record {
     curves: Curves,
-    /// Whether the probe is driven at two points.
-    driven: bool,
+    /// Columns of `steps.csv`.
+    head: String,
     film: Film,
     targets: Vec<Point3<f64>>,
     /// Depth of the tip and its distance from the nearest target at the last step, mm.
@@ -36,10 +36,7 @@ impl Record {
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             curves: Curves::new(scenario),
-            driven: scenario
-                .contact
-                .iter()
-                .any(|contact| contact.probe.driven_at_mm.is_some()),
+            head: table::head(scenario.contact.as_ref().map(|contact| &contact.probe)),
             film: Film::new(scenario.timing.moments(scenario.timing.frame_s)),
             targets: scenario.targets.iter().map(|target| target.at_mm).collect(),
             last: (0.0, None),
@@ -51,7 +48,7 @@ impl Record {
     /// # Errors
     /// What the system says.
     pub fn head(&self, out: &mut impl Write) -> io::Result<()> {
-        table::head(self.driven, out)
+        writeln!(out, "{}", self.head)
     }
 
     /// Keeps a step and writes its line of `steps.csv`.

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use nalgebra::Isometry3;
+use nalgebra::Vector3;
 
-use super::Policy;
-use crate::mechanics::insertion::{Outcome, Wrench};
+use super::{Policy, TwoPoints};
+use crate::mechanics::insertion::{Instruments, Outcome, Wrench};
 
 /// What a step gives to the hands.
 ///
@@ -20,10 +20,20 @@ pub struct Forces {
     pub hand_base: Wrench,
     /// What the tissue does to the probe, about the probe's origin, world axes; none if no probe presses.
     pub probe_world: Option<Wrench>,
+    /// The force of that at each of the points of [`Options::probe_points`](super::Options::probe_points), N, world axes; none
+    /// without them or if no probe presses.
+    pub probe_points: Option<[Vector3<f64>; 2]>,
     /// Time that the step took.
     pub took: Duration,
     /// By how much that was over the budget, if it was.
     pub overrun: Option<Duration>,
+}
+
+impl Forces {
+    /// The force on the hand along the needle, N, for a device that renders this axis alone: negative while it is pushed in.
+    pub fn axial_n(&self) -> f64 {
+        self.hand_base.force_n.z
+    }
 }
 
 /// The wrenches that a step gives.
@@ -41,11 +51,19 @@ impl Given {
         }
     }
 
-    pub(super) fn forces(&self, base: &Isometry3<f64>, took: Duration, overrun: Option<Duration>) -> Forces {
+    pub(super) fn forces(
+        &self,
+        instruments: &Instruments,
+        points: Option<TwoPoints>,
+        took: Duration,
+        overrun: Option<Duration>,
+    ) -> Forces {
+        let pressing = points.zip(self.probe).zip(instruments.probe);
         Forces {
             hand_world: self.hand,
-            hand_base: self.hand.in_frame(base),
+            hand_base: self.hand.in_frame(&instruments.base),
             probe_world: self.probe,
+            probe_points: pressing.map(|((points, wrench), pose)| points.split(&wrench, &pose)),
             took,
             overrun,
         }

@@ -69,7 +69,7 @@ impl Haptic {
         let took = start.elapsed();
         let overrun = took.checked_sub(self.options.budget).filter(|late| !late.is_zero());
         let given = self.easing.next(computed, dt_s, overrun.is_some(), self.options.policy);
-        Ok(given.forces(&instruments.base, took, overrun))
+        Ok(given.forces(instruments, self.options.probe_points, took, overrun))
     }
 
     /// All that the last step found. Its forces are those of the model, which an easing [`Policy`](super::Policy) may

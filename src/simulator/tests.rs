@@ -1,5 +1,6 @@
 //! A model that is none, and what it is tested with.
 
+mod devices;
 mod forces;
 mod hand_over;
 mod images;
@@ -144,5 +145,6 @@ fn patient() -> Options {
     Options {
         budget: Duration::from_secs(60),
         policy: Policy::Finish,
+        probe_points: None,
     }
 }

@@ -22,7 +22,8 @@ pub const USUAL: Interaction = Interaction {
     critical: false,
 };
 
-/// A bevel as of a brachytherapy needle, over a part of 10 mm.
+/// A bevel as of a brachytherapy needle, over 10 mm in place of the usual [`BEVEL_MM`](crate::mechanics::needle::BEVEL_MM): the block
+/// is little deeper than a needle goes, and figures of studies stay comparable.
 pub const BEVEL: Bevel = Bevel {
     r_mm: 0.6,
     length_mm: 10.0,

@@ -140,7 +140,7 @@ static PRESETS: &[Tissue] = &[
     row("soft_tissue",            0xb89080, "soft_tissue",         [3.0,    0.6,  0.0,  1.50],   [8.0,    0.49,  0.015, 0.8]),
     row("phantom_top",            0x90a890, "gel",                 [-3.0,   0.5,  0.0,  1.60],   [10.0,   0.49,  0.02,  0.5]),
     row("phantom_bottom",         0x6c8c98, "gel",                 [-8.0,   0.5,  0.0,  1.60],   [20.0,   0.49,  0.02,  0.8]),
-    row("phantom_inclusion",      0xc89050, "gel",                 [6.0,    0.7,  0.0,  1.65],   [60.0,   0.49,  0.04,  1.5]),
+    row("phantom_inclusion",      0xc89050, "gel",                 [6.0,    0.7,  0.0,  1.65],   [33.0,   0.49,  0.04,  1.5]),
 ];
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ pub struct Insertion {
 enum PartName {
     /// Levels of remeshing, a probe moved sideways midway
     Levels,
-    /// Bevels in a block of PVC
+    /// Bevels and meshes in a block of PVC; with --quick of one length, on one mesh
     Bevel,
     /// Masses and springs against finite elements
     Masses,
@@ -82,6 +82,7 @@ impl Insertion {
             nodes: self.nodes.unwrap_or(usual.nodes),
             depth_mm: self.depth_mm.unwrap_or(usual.depth_mm),
             bevel_depth_mm: self.bevel_depth_mm.unwrap_or(usual.bevel_depth_mm),
+            bevel_sweep: usual.bevel_sweep,
             passes: self.passes.unwrap_or(usual.passes),
             parts: match self.only.is_empty() {
                 true => usual.parts,

@@ -31,7 +31,7 @@ level promises is marked WRONG.";
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Remesh {
-    /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z are fixed [default: a block is made]
+    /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a block is made]
     #[arg(long, value_name = "FILE", conflicts_with = "nodes")]
     mesh: Option<PathBuf>,
     /// Nodes of the meshes to make [default: 3300; with --quick 500]

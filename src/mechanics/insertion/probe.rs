@@ -1,8 +1,11 @@
 //! The probe as a rigid cylinder that tissue slides along (Goksel et al. 2011, section IV).
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::Wrench;
+
+/// Thickness of a ring of candidates as a share of their spacing: rings of a lattice are a whole spacing apart.
+const RING: f64 = 0.9;
 
 /// A probe in contact. Its frame: origin at the end of the cylinder that goes first, z along the axis into the body.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,13 +25,142 @@ impl ProbeContact {
     /// lever does, so that their sum and their torque across the axis are those of `wrench` (about the origin of the probe at
     /// `pose`). None without driving points.
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> Option<[Vector3<f64>; 2]> {
-        let [first, second] = self.driven_at_mm?;
-        let axis = pose.rotation * Vector3::z();
-        // The torque of forces f at -b along the axis is -b axis x f: (axis x torque) gives back the sum of b f across.
-        let moment = axis.cross(&wrench.torque_nmm);
-        let across = wrench.force_n - axis * axis.dot(&wrench.force_n);
-        let along = wrench.force_n - across;
-        let share = (moment - across * first) / (second - first);
-        Some([across - share + along * 0.5, share + along * 0.5])
+        Some(lever(self.driven_at_mm?, wrench, pose))
+    }
+
+    /// Keeps every n-th ring of candidates along the axis, from the back to the end that goes first; with 1, all. A ring is what lies
+    /// within 0.9 of the median distance from a candidate to its nearest neighbour: of a lattice its planes, of other meshes
+    /// slices one node thick. `nodes` are those of the mesh at rest, mm.
+    pub fn thin(&mut self, nodes: &[[f64; 3]], every: usize) {
+        if every <= 1 {
+            return;
+        }
+        let place = |&node: &u32| (self.nominal.inverse_transform_point(&nodes[node as usize].into()), node);
+        let mut places: Vec<(Point3<f64>, u32)> = self.candidates.iter().map(place).collect();
+        places.sort_by(|(a, m), (b, n)| a.z.total_cmp(&b.z).then(m.cmp(n)));
+        let thickness = RING * spacing(&places);
+        let (mut ring, mut start) = (0, places.first().map_or(0.0, |(place, _)| place.z));
+        places.retain(|(place, _)| {
+            if place.z - start > thickness {
+                (ring, start) = (ring + 1, place.z);
+            }
+            ring % every == 0
+        });
+        self.candidates = places.into_iter().map(|(_, node)| node).collect();
+        self.candidates.sort_unstable();
+    }
+}
+
+/// A rotation taken along by the shortest one that brings its z axis to `along`, of unit length: about no axis but one across.
+pub(crate) fn pointed(rotation: &UnitQuaternion<f64>, along: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), along)
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(rotation * Vector3::x_axis()), std::f64::consts::PI));
+    turn * rotation
+}
+
+/// See [`ProbeContact::split`]; `at_mm` are two different places behind the probe's origin.
+pub(crate) fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
+    let axis = pose.rotation * Vector3::z();
+    // The torque of forces f at -b along the axis is -b axis x f: (axis x torque) gives back the sum of b f across.
+    let moment = axis.cross(&wrench.torque_nmm);
+    let across = wrench.force_n - axis * axis.dot(&wrench.force_n);
+    let along = wrench.force_n - across;
+    let share = (moment - across * first) / (second - first);
+    [across - share + along * 0.5, share + along * 0.5]
+}
+
+/// The median distance from a place to its nearest neighbour, mm; infinite of one alone. Places ascend along z.
+fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
+    let nearest = |at: usize| {
+        let place = places[at].0;
+        let (mut before, mut after) = (places[..at].iter().rev(), places[at + 1..].iter());
+        let sides: [&mut dyn Iterator<Item = &(Point3<f64>, u32)>; 2] = [&mut before, &mut after];
+        let mut least = f64::INFINITY;
+        for others in sides {
+            for (other, _) in others {
+                if (other.z - place.z).abs() >= least {
+                    break;
+                }
+                least = least.min((other - place).norm());
+            }
+        }
+        least
+    };
+    let mut distances: Vec<f64> = (0..places.len()).map(nearest).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{hash3, seed_words, unit};
+    use nalgebra::Translation3;
+
+    /// 20 rings of 16 places, 4 mm apart along a slanted axis, shaken by a share of that.
+    fn cylinder(shaken: f64) -> (ProbeContact, Vec<[f64; 3]>) {
+        let nominal = Isometry3::from_parts(
+            Translation3::new(5.0, -70.0, 31.0),
+            UnitQuaternion::from_euler_angles(0.4, -0.7, 1.1),
+        );
+        // Numbered neither along the axis nor around it: 7 and 320 have no common divisor.
+        let places = (0..320i32).map(|number| {
+            let at = number * 7 % 320;
+            let by = hash3([at, 0, 0], seed_words(3)).map(|word| shaken * 4.0 * (f64::from(unit(word)) - 0.5));
+            let (turn, along) = (f64::from(at % 16), f64::from(at / 16));
+            let (sine, cosine) = (turn * std::f64::consts::TAU / 16.0).sin_cos();
+            let place = Point3::new(10.2 * cosine + by[0], 10.2 * sine + by[1], 4.0 * along - 80.0 + by[2]);
+            (nominal * place).into()
+        });
+        let contact = ProbeContact {
+            nominal,
+            length_mm: 100.0,
+            candidates: (0..320).collect(),
+            driven_at_mm: None,
+        };
+        (contact, places.collect())
+    }
+
+    fn thinned(shaken: f64, every: usize) -> Vec<Point3<f64>> {
+        let (mut contact, nodes) = cylinder(shaken);
+        contact.thin(&nodes, every);
+        assert!(contact.candidates.is_sorted());
+        let place = |node: &u32| contact.nominal.inverse_transform_point(&nodes[*node as usize].into());
+        contact.candidates.iter().map(place).collect()
+    }
+
+    #[test]
+    fn every_nth_ring_of_a_lattice_is_kept_whole() {
+        assert_eq!(thinned(0.0, 1).len(), 320);
+        for every in [2, 3, 7, 40] {
+            let mut along: Vec<i64> = thinned(0.0, every).iter().map(|place| place.z.round() as i64).collect();
+            along.sort_unstable();
+            let rings = (0..20).step_by(every).flat_map(|ring| [4 * ring - 80; 16]);
+            assert_eq!(along, rings.collect::<Vec<i64>>(), "every {every}");
+        }
+    }
+
+    /// About a third is left, along all of the axis and all around it.
+    #[test]
+    fn an_irregular_surface_is_thinned_evenly() {
+        let kept = thinned(0.6, 3);
+        assert!((80..=140).contains(&kept.len()), "{}", kept.len());
+        let mut along: Vec<f64> = kept.iter().map(|place| place.z).collect();
+        along.sort_by(f64::total_cmp);
+        let gap = along.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        assert!(gap < 3.0 * 4.0, "{gap} mm");
+        assert!(along[0] < -79.0 && along[along.len() - 1] > -16.0, "{along:?}");
+        let middle = kept.iter().fold(Vector3::zeros(), |sum, place| sum + place.coords) / kept.len() as f64;
+        assert!(middle.xy().norm() < 1.5, "{middle}");
+    }
+
+    #[test]
+    fn one_candidate_or_none_is_kept() {
+        for count in [0, 1] {
+            let (mut contact, nodes) = cylinder(0.0);
+            contact.candidates.truncate(count);
+            contact.thin(&nodes, 5);
+            assert_eq!(contact.candidates.len(), count);
+        }
     }
 }

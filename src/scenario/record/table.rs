@@ -4,6 +4,7 @@ use std::io::{self, Write};
 
 use nalgebra::Vector3;
 
+use crate::mechanics::insertion::ProbeContact;
 use crate::scenario::run::Step;
 
 /// Columns in front of the counts. What each holds stands in docs/insertion.md.
@@ -39,6 +40,16 @@ const NUMBERS: [&str; 27] = [
 /// Columns of counts, and the time that the step took.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
+/// Columns behind those, of a probe in contact: its pose.
+const POSE: [&str; 7] = [
+    "probe_x_mm",
+    "probe_y_mm",
+    "probe_z_mm",
+    "probe_qx",
+    "probe_qy",
+    "probe_qz",
+    "probe_qw",
+];
 /// Columns behind those, where the probe is driven at two points: what the tissue does to each.
 const DRIVEN: [&str; 6] = [
     "driven_1_force_x_n",
@@ -49,9 +60,12 @@ const DRIVEN: [&str; 6] = [
     "driven_2_force_z_n",
 ];
 
-pub(super) fn head(driven: bool, out: &mut impl Write) -> io::Result<()> {
-    let driven = if driven { &DRIVEN[..] } else { &[] };
-    writeln!(out, "{},{COUNTS}", [&NUMBERS[..], driven].concat().join(","))
+/// The first line.
+pub(super) fn head(probe: Option<&ProbeContact>) -> String {
+    let pose = if probe.is_some() { &POSE[..] } else { &[] };
+    let driven = probe.and_then(|probe| probe.driven_at_mm);
+    let driven = if driven.is_some() { &DRIVEN[..] } else { &[] };
+    format!("{},{COUNTS}", [&NUMBERS[..], pose, driven].concat().join(","))
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
@@ -74,6 +88,14 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         if at == 2 {
             write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
         }
+    }
+    if let Some(pose) = step.probe {
+        let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+        write!(
+            out,
+            ",{},{},{},{},{},{},{}",
+            place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+        )?;
     }
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;

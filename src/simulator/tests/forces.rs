@@ -39,6 +39,7 @@ fn a_late_step_says_so_and_eases() {
         let options = Options {
             budget: Duration::from_millis(1),
             policy,
+            ..Options::default()
         };
         let model = Fake {
             slow,
@@ -79,7 +80,7 @@ fn forces_ease_linearly_and_never_freeze() {
     let mut next = |force, late| {
         let forces = easing
             .next(given(force), 1e-3, late, policy)
-            .forces(&Isometry3::identity(), Duration::ZERO, None);
+            .forces(&instruments(0), None, Duration::ZERO, None);
         assert_eq!(forces.probe_world, Some(forces.hand_world));
         assert_eq!(forces.hand_world.torque_nmm.y, forces.hand_world.force_n.x);
         forces.hand_world.force_n.x

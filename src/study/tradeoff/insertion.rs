@@ -6,7 +6,7 @@
 //! | module | what it compares |
 //! |---|---|
 //! | `levels` | levels of remeshing, a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14) |
-//! | `bevel` | bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
+//! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
 //! | `thinning` | every n-th candidate of the probe |
 //! | `pieces` | lengths of the links of a needle of angular springs, and of the elements of a beam |
 //! | `mesh` | nodes of the mesh |
@@ -86,6 +86,8 @@ pub struct InsertionOptions {
     pub depth_mm: f64,
     /// How deep it goes into the block of PVC, mm (10 to 140, default 140).
     pub bevel_depth_mm: f64,
+    /// Whether bevels of half and one and a half times the usual length and finer meshes are compared too (default true).
+    pub bevel_sweep: bool,
     /// How often every step is calculated and timed (default 3).
     pub passes: usize,
     /// What to compare (default all).
@@ -98,6 +100,7 @@ impl Default for InsertionOptions {
             nodes: 3300,
             depth_mm: 60.0,
             bevel_depth_mm: 140.0,
+            bevel_sweep: true,
             passes: 3,
             parts: Part::ALL.to_vec(),
         }
@@ -128,6 +131,7 @@ impl InsertionOptions {
                 nodes: 500,
                 depth_mm: 20.0,
                 bevel_depth_mm: 60.0,
+                bevel_sweep: false,
                 passes: 1,
                 ..InsertionOptions::default()
             },

@@ -1,10 +1,10 @@
 //! The probe: which nodes touch it, and where it holds them.
 
 use faer::MatRef;
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::reduced::ProbeRow;
-use crate::mechanics::insertion::ProbeContact;
+use crate::mechanics::insertion::{ProbeContact, pointed};
 
 /// A probe with its candidates. Nodes beside the cylinder are held where they were across its axis when the tissue was at rest,
 /// and slide along it without friction.
@@ -97,11 +97,8 @@ impl Press {
 
     /// The frame that holds the nodes: it follows the axis of the probe, but does not roll with it.
     fn frame(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
-        let nominal = &self.contact.nominal.rotation;
-        let (from, to) = (nominal * Vector3::z(), pose.rotation * Vector3::z());
-        let turn = UnitQuaternion::rotation_between(&from, &to)
-            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(nominal * Vector3::x_axis()), std::f64::consts::PI));
-        Isometry3::from_parts(pose.translation, turn * nominal)
+        let turned = pointed(&self.contact.nominal.rotation, &(pose.rotation * Vector3::z()));
+        Isometry3::from_parts(pose.translation, turned)
     }
 
     /// Moves the probe, or takes it away. Whether other rows are held than before.

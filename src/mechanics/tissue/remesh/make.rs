@@ -76,7 +76,8 @@ impl Entry for f64 {
 /// and reads it as it is.
 ///
 /// # Errors
-/// [`RemeshError::Unsuited`] where the source cannot give what is asked, or f32 does not suffice for the materials; or as
+/// [`RemeshError::Unsuited`] where the source cannot give what is asked, or f32 does not suffice for the materials, or, at the
+/// exact level, the source leaves a residual above a tenth of `residual_single` of `options` (its mesh is barely held, for instance); or as
 /// [`Levels::new`] and [`Exact::new`].
 pub fn make(
     level: Level,
@@ -96,7 +97,19 @@ pub fn make(
     Ok(match (level, source, precision) {
         (Level::Exact, source, _) => {
             let compliance = source.clone().into_compliance();
-            Box::new(Exact::new(mesh, compliance, source.precision(), options)?)
+            let mut exact = Exact::new(mesh, compliance, source.precision(), options)?;
+            let size = mesh.dofs().free();
+            let sampled: Vec<usize> = [size / 3, 2 * size / 3].into_iter().filter(|dof| *dof < size).collect();
+            let (residual, limit) = (exact.residual(mesh, &sampled)?, 0.1 * options.residual_single);
+            // It corrects the moves of nodes alone, and multiplies what the base lacks. In f64 rounding beside stiff inclusions may
+            // leave more than level I keeps to, and does no harm.
+            if residual > limit {
+                return Err(unsuited(&format!(
+                    "the inverse of the base leaves a residual |K X e - e| of {residual:.0e}, at most {limit:.0e} is expected; \
+                     hold more of the mesh, or compute it in f64"
+                )));
+            }
+            Box::new(exact)
         }
         (_, Source::Single(inverse), _) => Box::new(Levels::new(mesh, inverse.clone(), level, options)?),
         (_, Source::Double(inverse), Precision::Double) => {

@@ -1,89 +1,170 @@
 //! Bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A).
 //!
 //! In Goksel et al.'s experiment the tip of a brachytherapy needle came out 10.4 mm aside, which r = 0.6 mm fits. Depth, modulus and
-//! the length of the bevel's part are not in the text: 140 mm, 20 kPa and nu = 0.49 are taken here, and a part of 18 mm makes
-//! r = 0.6 mm do that.
+//! the length of the bevel's part are not in the text: 140 mm, 20 kPa and nu = 0.49 are taken here, and a part of [`BEVEL_MM`] makes
+//! r = 0.6 mm do that on cells of 10 mm. Other lengths and finer meshes say how much of that is the mesh's doing.
 
 use super::columns::{UNSETTLED, factor, lines, unsettled};
 use super::course::{Step, timed};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
 use crate::mechanics::insertion::Interaction;
 use crate::mechanics::insertion::finite::Finite;
-use crate::mechanics::needle::{Bevel, Stiffness};
+use crate::mechanics::needle::{BEVEL_MM, Bevel, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Table};
+use crate::study::tradeoff::{Axis, Factor, Figure, Table};
 
 /// Distances of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];
-/// Length of the bevel's part, mm.
-const BEVEL_MM: f64 = 18.0;
+/// That of the needle of Goksel et al. 2011, and how far its tip came out aside, mm.
+const FITTED_MM: f64 = 0.6;
+const MEASURED_MM: f64 = 10.4;
+/// Lengths of the bevel's part, mm.
+const LENGTHS_MM: [f64; 3] = [0.5 * BEVEL_MM, BEVEL_MM, 1.5 * BEVEL_MM];
 /// Extent of the block, mm.
 const EXTENT: [f64; 3] = [80.0, 80.0, 160.0];
-/// Edge of its cells, mm.
-const CELL_MM: f64 = 10.0;
+/// Edges of its cells, mm; the needle runs along planes between them.
+const CELLS_MM: [f64; 3] = [10.0, 20.0 / 3.0, 5.0];
+/// From one mesh to the next finer, a deflection that has converged changes by no more, %.
+const CONVERGED_PERCENT: f64 = 5.0;
 /// How far the tip goes in a step, mm.
 const ADVANCE_MM: f64 = 0.5;
 /// What a needle without bevel may be aside, mm.
 const STRAIGHT_MM: f64 = 0.05;
 
-const R: [Factor; 1] = [factor("r_mm", "r, mm")];
+const FACTORS: [Factor; 3] = [
+    factor("length_mm", "length, mm"),
+    factor("r_mm", "r, mm"),
+    factor("cell_mm", "cells, mm"),
+];
 const DEPTH: Axis = Axis::linear("depth_mm", "depth mm", "depth of the tip, mm");
 const ASIDE: Axis = Axis::linear("deflection_mm", "aside mm", "deflection of the tip, mm");
+const HALF: Axis = Axis::linear("half_mm", "half way", "deflection of the tip at half the depth, mm");
+const CHANGE: Axis = Axis::linear(
+    "change_percent",
+    "mesh %",
+    "change of the deflection from the next coarser mesh, %",
+);
+
+/// A bevel, and the cells of the mesh that it goes through, mm.
+#[derive(Clone, Copy, PartialEq)]
+struct Case {
+    bevel: Bevel,
+    cell_mm: f64,
+}
+
+impl Case {
+    fn choices(&self) -> Vec<String> {
+        let Bevel { r_mm, length_mm } = self.bevel;
+        vec![length_mm.to_string(), r_mm.to_string(), cell_name(self.cell_mm)]
+    }
+}
+
+fn cell_name(cell_mm: f64) -> String {
+    format!("{}", (10.0 * cell_mm).round() / 10.0)
+}
+
+/// Every r of every length on the coarsest mesh, the fitted one on the finer ones too; of a short study the usual length alone.
+fn cases(sweep: bool) -> Vec<Case> {
+    let (lengths, cells) = match sweep {
+        true => (&LENGTHS_MM[..], &CELLS_MM[..]),
+        false => (&LENGTHS_MM[1..2], &CELLS_MM[..1]),
+    };
+    let of_length = |&length_mm: &f64| {
+        let case = move |r_mm, cell_mm| Case {
+            bevel: Bevel { r_mm, length_mm },
+            cell_mm,
+        };
+        let coarse = SWEEP_MM.into_iter().map(move |r_mm| case(r_mm, cells[0]));
+        coarse.chain(cells[1..].iter().map(move |cell_mm| case(FITTED_MM, *cell_mm)))
+    };
+    lengths.iter().flat_map(of_length).collect()
+}
 
 pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
-    let half = Axis::linear("half_mm", "half way", "deflection of the tip at half the depth, mm");
     let mut table = Table::new(
         "bevel",
         format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm),
-        &R,
-        &[ASIDE, half, UNSETTLED],
+        &FACTORS,
+        &[ASIDE, HALF, CHANGE, UNSETTLED],
     );
-    let mut trace = Table::trace("bevel-depth", "Deflection against depth", &R, &[DEPTH, ASIDE]);
-    let mut before = 0.0;
-    for (at, r_mm) in SWEEP_MM.into_iter().enumerate() {
-        progress(&format!("bevel, r = {r_mm} mm"), at as f64 / SWEEP_MM.len() as f64);
-        let steps = insert(r_mm, options.bevel_depth_mm)?;
+    let mut trace = Table::trace("bevel-depth", "Deflection against depth", &FACTORS, &[DEPTH, ASIDE]);
+    let mut notes = Vec::new();
+    let cases = cases(options.bevel_sweep);
+    let mut done: Vec<(Case, f64)> = Vec::new();
+    for (at, case) in cases.iter().enumerate() {
+        let Bevel { r_mm, length_mm } = case.bevel;
+        let text = format!(
+            "bevel of {length_mm} mm, r = {r_mm} mm, cells of {} mm",
+            cell_name(case.cell_mm)
+        );
+        progress(&text, at as f64 / cases.len() as f64);
+        let steps = insert(case, options.bevel_depth_mm)?;
         let aside = |step: &Step| step.tip_mm.x - 0.5 * EXTENT[0];
         let Some(last) = steps.last().map(aside) else { continue };
         let middle = steps.get(steps.len() / 2).map(aside);
-        let flag = match r_mm == 0.0 {
-            true if last.abs() > STRAIGHT_MM => Some(format!("straight to {STRAIGHT_MM} mm is expected")),
-            false if last <= before => Some("more than with the smaller r is expected".to_owned()),
+        let alike = |(other, _): &&(Case, f64)| other.bevel.length_mm == length_mm && other.cell_mm == case.cell_mm;
+        let smaller = done.iter().rev().find(alike);
+        let flag = match smaller {
+            _ if r_mm == 0.0 && last.abs() > STRAIGHT_MM => Some(format!("straight to {STRAIGHT_MM} mm is expected")),
+            Some((_, before)) if last <= *before => Some("more than with the smaller r is expected".to_owned()),
             _ => None,
         };
-        before = last;
+        let coarser = done.iter().rev().find(|(other, _)| other.bevel == case.bevel);
+        let change = coarser.map(|(_, before)| 100.0 * (last - before) / last);
+        if let (Some(change), Some((other, _))) = (change.filter(|it| it.abs() > CONVERGED_PERCENT), coarser) {
+            notes.push(format!(
+                "{text}: not converged with the mesh, {change:+.0} % from cells of {} mm",
+                cell_name(other.cell_mm)
+            ));
+        }
+        done.push((*case, last));
         table.push(
-            vec![r_mm.to_string()],
-            vec![Some(last), middle, unsettled(&steps)],
+            case.choices(),
+            vec![Some(last), middle, change, unsettled(&steps)],
             flag,
         );
         for (step, it) in steps.iter().enumerate().step_by(4) {
             let depth = Some(step as f64 * ADVANCE_MM);
-            trace.push(vec![r_mm.to_string()], vec![depth, Some(aside(it))], None);
+            trace.push(case.choices(), vec![depth, Some(aside(it))], None);
         }
     }
-    let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
+    let usual = [LENGTHS_MM[1].to_string(), cell_name(CELLS_MM[0])];
+    for depth_mm in [0.0, options.bevel_depth_mm] {
+        let name = format!("measured: {MEASURED_MM} mm");
+        let choices = vec![usual[0].clone(), name, usual[1].clone()];
+        trace.push(choices, vec![Some(depth_mm), Some(MEASURED_MM)], None);
+    }
     let axes = ["depth_mm", "deflection_mm"];
+    let figure = |file: &str, title: &str, colour, only| Figure {
+        only,
+        ..lines(file, title, "bevel-depth", axes, colour)
+    };
+    let [length, cell] = usual;
+    let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
+    let only = vec![("length_mm", length.clone()), ("cell_mm", cell)];
+    let mut figures = vec![figure("insertion-bevel", title, "r_mm", only)];
+    if options.bevel_sweep {
+        let title = "A bevelled needle in PVC, r = 0.6 mm: deflection by the cells of the mesh";
+        let only = vec![("length_mm", length), ("r_mm", FITTED_MM.to_string())];
+        figures.push(figure("insertion-bevel-mesh", title, "cell_mm", only));
+    }
     Ok(Findings {
         tables: vec![table, trace],
-        figures: vec![lines("insertion-bevel", title, "bevel-depth", axes, "r_mm")],
+        figures,
+        notes,
         ..Findings::default()
     })
 }
 
-fn insert(r_mm: f64, depth_mm: f64) -> Result<Vec<Step>, InsertionStudyError> {
-    let bevel = Bevel {
-        r_mm,
-        length_mm: BEVEL_MM,
-    };
+fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, InsertionStudyError> {
     let interaction = Interaction {
         puncture_n: 0.0,
         friction_n_per_mm: 0.01,
         ..block::USUAL
     };
-    let needle = block::springs(Stiffness::default(), block::LINK_MM, bevel)?;
-    let mesh = block::mirrored(EXTENT, CELL_MM)?;
+    let needle = block::springs(Stiffness::default(), block::LINK_MM, case.bevel)?;
+    let mesh = block::mirrored(EXTENT, case.cell_mm)?;
     let setup = block::on_table(mesh, Material::new(20.0, 0.49)?, interaction, needle);
     let mut finite = Finite::new(setup, |_, _| {})?;
     let steps = (depth_mm / ADVANCE_MM).round() as usize;

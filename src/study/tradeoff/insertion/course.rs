@@ -175,18 +175,13 @@ pub fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
     let [width, from] = BAND_MM;
     let to = EXTENT[2] - 5.0;
     let in_band = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 0.5 * EXTENT[0]).abs() < width && (from..to).contains(&p[2]);
-    let band = || (0..).zip(mesh.nodes()).filter(|(_, p)| in_band(p));
-    let mut rings: Vec<f64> = band().map(|(_, p)| p[2]).collect();
-    rings.sort_by(f64::total_cmp);
-    rings.dedup();
-    let kept: Vec<f64> = rings.into_iter().step_by(every).collect();
-    ProbeContact {
+    let band = (0..).zip(mesh.nodes()).filter(|(_, p)| in_band(p));
+    let mut probe = ProbeContact {
         nominal: probe_at(0.0),
         length_mm: EXTENT[2],
-        candidates: band()
-            .filter(|(_, p)| kept.contains(&p[2]))
-            .map(|(node, _)| node)
-            .collect(),
+        candidates: band.map(|(node, _)| node).collect(),
         driven_at_mm: None,
-    }
+    };
+    probe.thin(mesh.nodes(), every);
+    probe
 }

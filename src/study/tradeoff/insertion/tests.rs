@@ -6,6 +6,7 @@ fn small(part: Part) -> InsertionOptions {
         nodes: 300,
         depth_mm: 12.0,
         bevel_depth_mm: 40.0,
+        bevel_sweep: false,
         passes: 1,
         parts: vec![part],
     }
@@ -48,10 +49,11 @@ fn levels_differ_as_they_must() {
 #[test]
 fn bevels_deflect_in_proportion() {
     let study = of(Part::Bevel);
-    let aside = |r: &str| value(&study, &[r], "deflection_mm").unwrap();
-    assert!(aside("0").abs() < 0.05);
+    let aside = |r: &str| value(&study, &["18", r, "10"], "deflection_mm").unwrap();
+    assert!(aside("0").abs() < 0.05 && study.tables[0].rows.len() == 5);
+    assert!(study.tables[1].csv().contains("measured: 10.4 mm"));
     assert!((aside("0.8") / aside("0.4") - 2.0).abs() < 0.2);
-    assert!(value(&study, &["0.8"], "half_mm").unwrap() < 0.6 * aside("0.8"));
+    assert!(value(&study, &["18", "0.8", "10"], "half_mm").unwrap() < 0.6 * aside("0.8"));
 }
 
 #[test]

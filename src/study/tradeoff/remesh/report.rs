@@ -118,6 +118,7 @@ impl Report {
         let list = |text: &dyn Fn(&Subject) -> String| subjects.iter().map(text).collect::<Vec<_>>().join(", ");
         let mut about = vec![
             ("nodes", list(&|subject| subject.nodes().to_string())),
+            ("nodes_fixed", list(&|subject| subject.fixed().to_string())),
             ("elements", list(&|subject| subject.mesh.elements().len().to_string())),
             ("degrees_of_freedom", list(&|subject| subject.size().to_string())),
             (

@@ -19,6 +19,10 @@ const CONTACTS: usize = 20;
 pub const LEAST_MOVES: usize = 3;
 /// Share of the extent along z whose nodes are fixed.
 const FIXED: f64 = 0.02;
+/// The same, and the share of its nodes, of a mesh that has fewer nodes there, as a round organ has: on a few it would turn nearly
+/// freely, and its compliance would be that of the supports.
+const FIXED_OF_ROUND: f64 = 0.1;
+const LEAST_FIXED: f64 = 0.03;
 /// Where the needle enters and where it would come to rest, as shares of the box of the mesh.
 const LINE: [[f64; 3]; 2] = [[0.43, 0.46, 1.0], [0.57, 0.53, 0.12]];
 /// Box of the generated mesh, mm.
@@ -60,9 +64,14 @@ pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     )
 }
 
-/// The degrees of freedom of a mesh whose lowest nodes along z are fixed.
+/// The degrees of freedom of a mesh whose lowest nodes along z are fixed: those in the lowest 2 % of its height, or where these are
+/// less than 3 % of all, in the lowest 10 % and at least 3 % of all.
 pub fn supports(mesh: &TetMesh) -> Dofs {
-    let floor = place(mesh, [0.0, 0.0, FIXED])[2];
+    let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
+    heights.sort_by(f64::total_cmp);
+    let least = heights[(LEAST_FIXED * heights.len() as f64) as usize];
+    let [narrow, wide] = [FIXED, FIXED_OF_ROUND].map(|share| place(mesh, [0.0, 0.0, share])[2]);
+    let floor = if least <= narrow { narrow } else { wide.max(least) };
     let fixed = mesh
         .nodes()
         .iter()
@@ -119,6 +128,11 @@ impl Subject {
     /// Nodes of the mesh.
     pub fn nodes(&self) -> usize {
         self.mesh.nodes().len()
+    }
+
+    /// Nodes that are fixed.
+    pub fn fixed(&self) -> usize {
+        self.nodes() - self.size() / 3
     }
 
     /// Free degrees of freedom.

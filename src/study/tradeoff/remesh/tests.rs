@@ -57,6 +57,51 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
     assert!(study.notes.is_empty(), "{:?}", study.notes);
 }
 
+/// A ball of about so many nodes, 40 mm in radius.
+fn ball(nodes: usize) -> TetMesh {
+    let cube = TetMesh::over_box([-40.0; 3], [40.0; 3], nodes).unwrap();
+    let round = cube.nodes().iter().map(|place| {
+        let [x, y, z] = *place;
+        let farthest = x.abs().max(y.abs()).max(z.abs());
+        place.map(|coordinate| coordinate * farthest / (x * x + y * y + z * z).sqrt().max(1e-9))
+    });
+    TetMesh::new(round.collect(), cube.elements().to_vec(), cube.regions().to_vec()).unwrap()
+}
+
+/// Held in its lowest 2 % alone it turns nearly freely about a few nodes.
+#[test]
+fn a_round_mesh_is_held_well_and_followed() {
+    let ball = ball(1000);
+    let subject = Subject::new(&ball, &options()).unwrap();
+    assert!(
+        subject.fixed() * 100 >= 3 * subject.nodes(),
+        "{} fixed",
+        subject.fixed()
+    );
+    let study = study(&[ball], &[], &options(), &mut |_, _| {}).unwrap();
+    println!("{}", study.text());
+    let flagged = study.tables[0].rows.iter().filter(|row| row.flag.is_some()).count();
+    assert_eq!((flagged, study.notes.len()), (0, 0), "{}", study.text());
+}
+
+/// A rod as long as 40 times its width bends under next to nothing: in f32 the exact level has no base to stand on, and says so.
+#[test]
+fn an_exact_level_refuses_a_base_that_is_barely_held() {
+    let rod = TetMesh::over_box([0.0; 3], [20.0, 20.0, 800.0], 1500).unwrap();
+    let subject = Subject::new(&rod, &options()).unwrap();
+    let double = Arc::new(invert::<f64>(&subject.factor, |_, _| {}).unwrap());
+    let sources = Sources {
+        single: Source::Single(Arc::new(double.cast())),
+        double: Source::Double(double),
+    };
+    let make =
+        |precision| Kind::Dense(crate::mechanics::tissue::remesh::Level::Exact, precision).make(&subject, &sources);
+    let refused = make(crate::mechanics::tissue::remesh::Precision::Single).err();
+    let refused = refused.expect("f32 is no base").to_string();
+    assert!(refused.contains("hold more of the mesh"), "{refused}");
+    assert!(make(crate::mechanics::tissue::remesh::Precision::Double).is_ok());
+}
+
 /// Follows exactly, but for an error that no rounding explains.
 struct Wrong {
     truth: Box<dyn Contender>,

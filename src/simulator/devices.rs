@@ -1,0 +1,276 @@
+//! What haptic devices need besides forces (Goksel et al. 2011, section V-C): a probe held at two points, damping, a needle that goes
+//! through the holes of a template while its device stays in one place.
+//!
+//! Velocities are differences of places over a step, so they lag by half of one: see [`Damper::most_ns_per_mm`].
+
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+
+use crate::mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed};
+use crate::tracking::template::{Template, UnknownHole};
+
+/// A device that cannot be as it is set or measured.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("`{key}` is {found}; expected {expected}")]
+pub struct InvalidDevice {
+    /// Which value.
+    pub key: &'static str,
+    /// As given.
+    pub found: String,
+    /// What it must be.
+    pub expected: String,
+}
+
+fn check(key: &'static str, found: f64, holds: bool, expected: &str) -> Result<(), InvalidDevice> {
+    match found.is_finite() && holds {
+        true => Ok(()),
+        false => Err(InvalidDevice {
+            key,
+            found: found.to_string(),
+            expected: expected.to_owned(),
+        }),
+    }
+}
+
+/// Two points on the axis of a probe, each held by a device that measures and renders three axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TwoPoints {
+    at_mm: [f64; 2],
+}
+
+/// A pose that two points say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointsPose {
+    /// Probe frame to world (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)).
+    pub pose: Isometry3<f64>,
+    /// How much farther apart the points are than on the probe, mm: calibration and play of the devices. The pose leaves half of it at
+    /// each point.
+    pub stretch_mm: f64,
+}
+
+impl TwoPoints {
+    /// Points that lie `at_mm` (mm, at least 1 apart) behind the origin of the probe, as
+    /// [`ProbeContact::driven_at_mm`](crate::mechanics::insertion::ProbeContact::driven_at_mm).
+    ///
+    /// # Errors
+    /// [`InvalidDevice`].
+    pub fn new(at_mm: [f64; 2]) -> Result<Self, InvalidDevice> {
+        let apart = (at_mm[0] - at_mm[1]).abs();
+        check("at_mm", apart, apart >= 1.0, "two points at least 1 mm apart").map(|()| Self { at_mm })
+    }
+
+    /// The pose of a probe whose points are measured, mm, world. Two points say nothing about the turn around the axis: it is that of
+    /// `last`, taken along by the shortest rotation.
+    ///
+    /// # Errors
+    /// [`InvalidDevice`] where the points are less than half as far apart as on the probe.
+    pub fn pose(&self, points: &[Point3<f64>; 2], last: &Isometry3<f64>) -> Result<PointsPose, InvalidDevice> {
+        let nominal = self.at_mm[1] - self.at_mm[0];
+        let between = (points[0] - points[1]) * nominal.signum();
+        let (apart, nominal) = (between.norm(), nominal.abs());
+        let expected = format!("two points about {nominal} mm apart");
+        check("points", apart, apart >= 0.5 * nominal, &expected)?;
+        let axis = between / apart;
+        let middle = nalgebra::center(&points[0], &points[1]);
+        let origin = middle + axis * (0.5 * (self.at_mm[0] + self.at_mm[1]));
+        Ok(PointsPose {
+            pose: Isometry3::from_parts(origin.into(), pointed(&last.rotation, &axis)),
+            stretch_mm: apart - nominal,
+        })
+    }
+
+    /// The forces on the points, N, that together are a force on the probe at `pose`, about its origin: see
+    /// [`ProbeContact::split`](crate::mechanics::insertion::ProbeContact::split).
+    pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
+        lever(self.at_mm, wrench, pose)
+    }
+}
+
+/// The velocity of a device by differences, mm/s: zero at first, and where a place or time is no number.
+#[derive(Clone, Copy, Debug, Default)]
+struct Velocity(Option<Point3<f64>>);
+
+impl Velocity {
+    fn next(&mut self, place: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
+        let last = self.0.replace(*place).unwrap_or(*place);
+        let velocity = (place - last) / dt_s;
+        match dt_s > 0.0 && velocity.iter().all(|v| v.is_finite()) {
+            true => velocity,
+            false => Vector3::zeros(),
+        }
+    }
+}
+
+/// Damping of a device, so that the loop through it stays stable.
+#[derive(Clone, Copy, Debug)]
+pub struct Damper {
+    c_ns_per_mm: f64,
+    velocity: Velocity,
+}
+
+impl Damper {
+    /// A force of `c_ns_per_mm` (N s/mm, above 0) for each mm/s, against the motion.
+    ///
+    /// # Errors
+    /// [`InvalidDevice`].
+    pub fn new(c_ns_per_mm: f64) -> Result<Self, InvalidDevice> {
+        check("c_ns_per_mm", c_ns_per_mm, c_ns_per_mm > 0.0, "a number above 0").map(|()| Self {
+            c_ns_per_mm,
+            velocity: Velocity::default(),
+        })
+    }
+
+    /// The damping from which on a device of a mass (kg) that nothing else holds would swing up, N s/mm: 2 m/dt, where its place is
+    /// read every `dt_s` and the force kept until the next. With springs and tissue there is less room.
+    pub fn most_ns_per_mm(mass_kg: f64, dt_s: f64) -> f64 {
+        2e-3 * mass_kg / dt_s
+    }
+
+    /// The force on the device at its place now, `dt_s` after the call before, N. None at the first call.
+    pub fn force(&mut self, place_mm: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
+        self.velocity.next(place_mm, dt_s) * -self.c_ns_per_mm
+    }
+}
+
+/// How a device is held: a PID controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HoldOptions {
+    /// Force for each mm aside, N/mm (above 0).
+    pub kp_n_per_mm: f64,
+    /// Force that grows by so much each second for each mm aside, N/(mm s) (0 or more).
+    pub ki_n_per_mm_s: f64,
+    /// Force for each mm/s aside, N s/mm (0 or more).
+    pub kd_ns_per_mm: f64,
+    /// The largest force, and the largest share of the integral in it, N (above 0).
+    pub most_n: f64,
+}
+
+/// Holds the device of a needle across its axis at the hole that it runs through, and leaves it free along the axis.
+#[derive(Clone, Copy, Debug)]
+pub struct LateralHold {
+    options: HoldOptions,
+    integral_n: Vector3<f64>,
+    velocity: Velocity,
+}
+
+impl LateralHold {
+    /// A device at rest.
+    ///
+    /// # Errors
+    /// [`InvalidDevice`].
+    pub fn new(options: HoldOptions) -> Result<Self, InvalidDevice> {
+        let (above, least) = ("a number above 0", "a number of 0 or more");
+        check("kp_n_per_mm", options.kp_n_per_mm, options.kp_n_per_mm > 0.0, above)?;
+        check(
+            "ki_n_per_mm_s",
+            options.ki_n_per_mm_s,
+            options.ki_n_per_mm_s >= 0.0,
+            least,
+        )?;
+        check("kd_ns_per_mm", options.kd_ns_per_mm, options.kd_ns_per_mm >= 0.0, least)?;
+        check("most_n", options.most_n, options.most_n > 0.0, above)?;
+        Ok(Self {
+            options,
+            integral_n: Vector3::zeros(),
+            velocity: Velocity::default(),
+        })
+    }
+
+    /// The force on the device at its place now, `dt_s` after the call before, towards the line through `hole_mm` along `axis`, N.
+    /// None where a place is no number.
+    pub fn force(
+        &mut self,
+        place_mm: &Point3<f64>,
+        hole_mm: &Point3<f64>,
+        axis: &Unit<Vector3<f64>>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        let across = |v: Vector3<f64>| v - axis.into_inner() * axis.dot(&v);
+        let HoldOptions {
+            kp_n_per_mm: kp,
+            ki_n_per_mm_s: ki,
+            kd_ns_per_mm: kd,
+            most_n,
+        } = self.options;
+        let aside = across(hole_mm - place_mm);
+        let velocity = across(self.velocity.next(place_mm, dt_s));
+        let grown = across(self.integral_n) + aside * (ki * dt_s.max(0.0));
+        if grown.iter().all(|n| n.is_finite()) {
+            self.integral_n = grown.cap_magnitude(most_n);
+        }
+        let force = aside * kp + self.integral_n - velocity * kd;
+        match force.iter().all(|n| n.is_finite()) {
+            true => force.cap_magnitude(most_n),
+            false => Vector3::zeros(),
+        }
+    }
+}
+
+/// Why a hole cannot be chosen.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum HoleError {
+    /// A needle changes its hole outside alone.
+    #[error("the needle is {inserted_mm} mm deep in tissue; expected it outside before another hole is chosen")]
+    Inserted {
+        /// Depth of the tip, mm.
+        inserted_mm: f64,
+    },
+    /// There is no such hole.
+    #[error(transparent)]
+    Unknown(#[from] UnknownHole),
+}
+
+/// A needle that goes through a hole of a template, moved by a device that stays in place: what it does along its axis, and its
+/// turn about it, happens at the hole that is chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Guided {
+    template: Template,
+    hole_mm: Point3<f64>,
+    device_mm: Point3<f64>,
+}
+
+impl Guided {
+    /// A needle outside, at a hole. `device_mm` is where the device's own guide is, in its frame of axes parallel to the world's, mm:
+    /// what the hole is to the virtual needle.
+    ///
+    /// # Errors
+    /// [`HoleError::Unknown`].
+    pub fn new(template: Template, hole: &str, device_mm: Point3<f64>) -> Result<Self, HoleError> {
+        Ok(Self {
+            hole_mm: template.hole(hole)?,
+            template,
+            device_mm,
+        })
+    }
+
+    /// Chooses another hole: the next instruments are there.
+    ///
+    /// # Errors
+    /// [`HoleError`]; the hole is then as before. `outcome` is that of the last step.
+    pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), HoleError> {
+        let hole_mm = self.template.hole(hole)?;
+        let inserted_mm = outcome.inserted_mm;
+        if inserted_mm > 0.0 {
+            return Err(HoleError::Inserted { inserted_mm });
+        }
+        self.hole_mm = hole_mm;
+        Ok(())
+    }
+
+    /// The middle of the hole, mm: the guide of the needle.
+    pub fn hole_mm(&self) -> Point3<f64> {
+        self.hole_mm
+    }
+
+    /// Where the needle is by its device, whose base frame is `device` (to its own axes): on the axis of the hole, as far along it as
+    /// the device beyond its guide, and turned about it as the device.
+    pub fn instruments(&self, device: &Isometry3<f64>) -> Instruments {
+        let axis = self.template.direction.into_inner();
+        let along = axis.dot(&(device.translation.vector - self.device_mm.coords));
+        Instruments {
+            base: Isometry3::from_parts((self.hole_mm + axis * along).into(), pointed(&device.rotation, &axis)),
+            probe: None,
+            guide: Some(self.hole_mm),
+            deposit: false,
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Templates: plates with rows and columns of holes that guide needles.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use crate::document::nearest;
+
+/// A plate with rows and columns of holes, square to the needles that it guides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Template {
+    /// The hole of the first column and row, mm.
+    pub origin_mm: Point3<f64>,
+    /// From column to column and from row to row, mm.
+    pub steps_mm: [Vector3<f64>; 2],
+    /// Where needles go.
+    pub direction: Unit<Vector3<f64>>,
+    /// Names of the columns.
+    pub columns: Vec<String>,
+    /// Names of the rows.
+    pub rows: Vec<String>,
+}
+
+/// A hole that a template does not have.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the hole is \"{found}\"; expected {expected}")]
+pub struct UnknownHole {
+    /// As given.
+    pub found: String,
+    /// The holes that there are.
+    pub expected: String,
+    /// A hole with a name like it.
+    pub meant: Option<String>,
+}
+
+impl Template {
+    /// The middle of a hole by its name: that of its column and that of its row behind it.
+    ///
+    /// # Errors
+    /// [`UnknownHole`].
+    pub fn hole(&self, name: &str) -> Result<Point3<f64>, UnknownHole> {
+        let mut splits = self.columns.iter().enumerate().filter_map(|(column, title)| {
+            let row = name.strip_prefix(title.as_str())?;
+            Some([column, self.rows.iter().position(|title| title == row)?])
+        });
+        match splits.next_back() {
+            Some([column, row]) => {
+                Ok(self.origin_mm + self.steps_mm[0] * column as f64 + self.steps_mm[1] * row as f64)
+            }
+            None => Err(self.unknown(name)),
+        }
+    }
+
+    fn unknown(&self, name: &str) -> UnknownHole {
+        let of_column = |column: &String| self.rows.iter().map(move |row| format!("{column}{row}")).collect();
+        let names: Vec<String> = self.columns.iter().flat_map::<Vec<_>, _>(of_column).collect();
+        UnknownHole {
+            found: name.to_owned(),
+            expected: match (names.first(), names.last()) {
+                (Some(first), Some(last)) => format!("a hole of the template, {first} to {last}"),
+                _ => "a hole of the template".to_owned(),
+            },
+            meant: nearest(name, names.iter().map(String::as_str)).map(str::to_owned),
+        }
+    }
+}
