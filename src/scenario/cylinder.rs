@@ -83,6 +83,7 @@ impl ScenarioFile {
         }
         let of_elements = [
             ("level", spec.level.is_some()),
+            ("device", spec.device.is_some()),
             ("precision", spec.precision.is_some()),
             ("columns", spec.columns.is_some()),
             ("mesh", spec.mesh.is_some()),

@@ -17,6 +17,8 @@ use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
 use crate::mechanics::needle::{
     Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
 };
+use crate::mechanics::tissue::remesh::RemeshError;
+use crate::remesh_gpu::maker;
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
@@ -59,7 +61,11 @@ impl Scenario {
                 ..Options::default()
             },
         };
-        let mut finite = Finite::new(setup, progress).map_err(|error| self.blame(error))?;
+        let finite = match &self.gpu {
+            Some(gpu) => Finite::with_maker(setup, maker(gpu), progress),
+            None => Finite::new(setup, progress),
+        };
+        let mut finite = finite.map_err(|error| self.blame(error))?;
         if !dense {
             self.look_ahead(&mut finite);
         }
@@ -123,6 +129,7 @@ impl Scenario {
             InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => {
                 "tissue"
             }
+            InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
             InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
         };
         self.file.fault(key, Wrong::Setup(error))
