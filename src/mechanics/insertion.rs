@@ -134,7 +134,8 @@ pub trait Imager: Send {
     fn tissue(&mut self, snapshot: &Snapshot, into: &mut Tissue);
 }
 
-/// Everything that a step depends on but the instruments: put back, the same steps give the same bits.
+/// Everything that a step depends on but the instruments and the level of remeshing: put back into a model at the same level, the same
+/// steps give the same bits.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Saved(pub serde_json::Value);
 

@@ -17,7 +17,7 @@ use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
 use crate::mechanics::needle::{
     Bevel, Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness,
 };
-use crate::mechanics::tissue::remesh::RemeshError;
+use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
@@ -66,7 +66,7 @@ impl Scenario {
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| self.blame(error))?;
-        if !dense {
+        if self.modelling.level == Level::Exact {
             self.look_ahead(&mut finite);
         }
         Ok(Box::new(finite))
