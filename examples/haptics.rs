@@ -168,6 +168,7 @@ fn model() -> Result<Finite, Box<dyn Error>> {
         materials: vec![Material::new(10.0, 0.45)?; mesh.elements().len()],
         fixed: far.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(0, tissue)],
+        anatomy: None,
         needle: Box::new(Springs::new(shaft, Stiffness::default(), LINK_MM, Some(bevel))?),
         probe: Some(ProbeContact {
             nominal: Translation3::from(PROBE_MM).into(),

@@ -151,8 +151,8 @@ impl Error {
             Self::Sequence(error) => error.is_machine(),
             Self::Place(error) => error.is_machine(),
             Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
-            Self::Step(_)
-            | Self::InsertionStudy(_)
+            Self::Step(error) => error.is_machine(),
+            Self::InsertionStudy(_)
             | Self::Beam(_)
             | Self::Tissue(_)
             | Self::Puncture(_)

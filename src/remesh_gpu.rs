@@ -2,7 +2,7 @@
 //!
 //! [`follow`] makes a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of
 //! [`levels`](crate::mechanics::tissue::remesh::levels), with which it shares all but the
-//! [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` puts it to use while running. The inverse stays on the device. Of each change, the rows and columns
+//! [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` puts it to use while running, and with [`maker`] an insertion works on a GPU. The inverse stays on the device. Of each change, the rows and columns
 //! around the moved node come back (G, some 48 x 48 values), C = (I + dK G)^-1 dK is computed from them in f64 and sent, and
 //! K^c comes back. Both products are fused into one pass over the tiles of the lower triangle, which reads and writes each once:
 //! at rank 48 that is 24 multiply-adds for each byte moved, about what data-centre GPUs balance.
@@ -24,7 +24,7 @@ use std::sync::Arc;
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::levels::Following;
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError, Source};
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Maker, Options, Precision, RemeshError, Source, make};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 pub use store::DeviceStore;
@@ -64,6 +64,22 @@ pub fn follow(
         other => RemeshError::Device(other.to_string()),
     })?;
     Following::start(mesh, store, level, options)
+}
+
+/// What makes remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, is that of the CPU.
+pub fn maker(gpu: &Gpu) -> Maker {
+    let gpu = gpu.clone();
+    Box::new(
+        move |level, precision, source, mesh, options| match (level, precision) {
+            (Level::Exact, _) => make(level, precision, source, mesh, options),
+            (_, Precision::Double) => Err(RemeshError::Unsuited {
+                level,
+                precision,
+                reason: "a GPU keeps the inverse in f32; ask for that, or use the CPU".to_owned(),
+            }),
+            (_, Precision::Single) => Ok(Box::new(follow(&gpu, mesh, source, level, options)?)),
+        },
+    )
 }
 
 /// Refuses an inverse on a device that shares the memory of the CPU where that has no room: it would be taken page by page,

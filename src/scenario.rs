@@ -37,6 +37,7 @@ mod instruments;
 mod labels;
 mod mesh;
 mod model;
+mod modelling;
 mod needle;
 mod plan;
 mod planned;
@@ -60,18 +61,19 @@ use crate::scene::SceneFile;
 
 pub use cylinder::CylinderSpec;
 pub use error::{ScenarioError, Wrong};
-pub use file::{RunSpec, ScenarioFile, SceneSource};
+pub use file::{ChangeSpec, RunSpec, ScenarioFile, SceneSource};
 pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, EntrySpec, NeedleModel, NeedleTable};
+pub use modelling::Modelling;
 pub use needle::{Bending, NeedleSettings};
 pub use plan::{Deposit, Guide, Target};
 pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
 pub use probe::Contact;
-pub use resolve::{Modelling, Scenario, Timing};
+pub use resolve::{Scenario, Timing};
 pub use stiffened::{StepSolverSpec, Stiffened, TissueViscositySpec};
-pub use summary::{Happened, Reached, Seed, StepMs, Summary};
+pub use summary::{Happened, LevelChanged, Reached, Seed, StepMs, Summary};
 pub use tissue::{
-    BoneSpec, ColumnsName, DEFAULT_NODES, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName, TissueModel,
-    TissueSpec,
+    BoneSpec, ColumnsName, DEFAULT_NODES, DeviceName, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName,
+    TissueModel, TissueSpec,
 };
 pub use trial::Trial;
 

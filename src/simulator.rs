@@ -26,7 +26,8 @@ use std::time::Duration;
 
 use nalgebra::Matrix4;
 
-use crate::mechanics::insertion::{Instruments, Model, StepError};
+use crate::mechanics::insertion::{Instruments, LevelChange, Model, StepError};
+use crate::mechanics::tissue::remesh::Level;
 use crate::synth::{Frame, SynthError, Synthesizer};
 pub use devices::{Damper, Guided, HoldOptions, HoleError, InvalidDevice, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
@@ -102,6 +103,14 @@ impl Simulator {
     /// Those of [`Haptic::step`].
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         self.haptic.step(instruments, dt_s)
+    }
+
+    /// See [`Haptic::set_level`].
+    ///
+    /// # Errors
+    /// Those of [`Haptic::set_level`].
+    pub fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
+        self.haptic.set_level(level)
     }
 
     /// See [`Imaging::frame`].

@@ -211,6 +211,7 @@ impl Insert {
             Some(_) => Path::new(""),
             None => path.parent().unwrap_or(Path::new("")),
         };
+        file.adapter = Some(self.backend.choice());
         let picked = self.quality.steps(&mut file, folder)?;
         let bar = terminal::share();
         bar.set_message("making the mesh");
@@ -239,6 +240,11 @@ fn told(summary: &Summary, output: &Path) -> String {
         0 => String::new(),
         left => format!(", {left} seeds"),
     };
+    let changes = summary.level_changes.iter().map(|change| {
+        let (to, at, jump, took) = (&change.to, change.time_s, change.force_jump_n, change.seconds);
+        format!(", level {to} from {at:.3} s (took {took:.3} s, force on the hand {jump:.1e} N apart)")
+    });
+    let changes: String = changes.collect();
     let targets = summary.targets.iter();
     let targets: String = targets
         .map(|target| {
@@ -249,7 +255,7 @@ fn told(summary: &Summary, output: &Path) -> String {
         })
         .collect();
     format!(
-        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} remeshes{seeds}; \
+        "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} remeshes{changes}{seeds}; \
          a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
         output.display(),
         summary.steps,

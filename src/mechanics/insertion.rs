@@ -17,6 +17,7 @@ pub mod spring;
 use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;
+use super::tissue::remesh::Level;
 pub use anatomy::{Anatomy, MeshRegions};
 pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
@@ -54,6 +55,34 @@ pub enum StepError {
     /// A saved state of another model.
     #[error("the saved state is of another model: {0}")]
     Foreign(String),
+    /// The level of remeshing of a model that has none.
+    #[error("this model has no level of remeshing: the mesh of linear finite elements alone follows the needle")]
+    NoLevel,
+    /// A level of remeshing that cannot be changed to.
+    #[error("the level of remeshing stays as it was: {0}")]
+    Level(#[from] finite::InvalidSetup),
+}
+
+impl StepError {
+    /// Whether the machine failed rather than the input: too little memory, or a device.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, StepError::Level(error) if error.is_machine())
+    }
+}
+
+/// What a change of the level of remeshing came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LevelChange {
+    /// The level before.
+    pub from: Level,
+    /// The level since.
+    pub to: Level,
+    /// Largest change of an entry of the compliance at the contacts, over its largest entry.
+    pub compliance_change: f64,
+    /// Change of the force on the hand at the same pose, N.
+    pub force_jump_n: f64,
+    /// What it took, s.
+    pub seconds: f64,
 }
 
 /// The tissue as it is now: what an image is made from.
@@ -108,7 +137,8 @@ pub trait Imager: Send {
     fn tissue(&mut self, snapshot: &Snapshot, into: &mut Tissue);
 }
 
-/// Everything that a step depends on but the instruments: put back, the same steps give the same bits.
+/// Everything that a step depends on but the instruments and the level of remeshing: put back into a model at the same level, the same
+/// steps give the same bits.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Saved(pub serde_json::Value);
 
@@ -134,6 +164,15 @@ pub trait Model: Send {
 
     /// What turns snapshots into tissue, for another thread.
     fn imager(&self) -> Box<dyn Imager>;
+
+    /// Changes the level of remeshing; the instruments are where the last step left them. To a level that needs a dense inverse, where
+    /// none was made before, that takes seconds to minutes: not for a haptic loop. States do not hold the level.
+    ///
+    /// # Errors
+    /// [`StepError::NoLevel`], [`StepError::Level`]; the level is then as before.
+    fn set_level(&mut self, _: Level) -> Result<LevelChange, StepError> {
+        Err(StepError::NoLevel)
+    }
 
     /// The state. Saving may settle rounding: a model goes on from a saved state as one does that it is restored to.
     fn save(&mut self) -> Saved;

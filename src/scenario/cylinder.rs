@@ -60,6 +60,7 @@ impl ScenarioFile {
         }
         let of_elements = [
             ("level", spec.level.is_some()),
+            ("device", spec.device.is_some()),
             ("precision", spec.precision.is_some()),
             ("columns", spec.columns.is_some()),
             ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),

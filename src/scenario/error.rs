@@ -2,6 +2,7 @@
 
 use super::file::ScenarioFile;
 use crate::document::{Fault, NoRegion, Unreadable};
+use crate::gpu::GpuError;
 use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
 use crate::mechanics::insertion::{InvalidInteraction, nonlinear};
@@ -75,6 +76,9 @@ pub enum Wrong {
     /// No model can be made of the needle.
     #[error(transparent)]
     NeedleModel(#[from] InvalidNeedleModel),
+    /// No GPU can be had.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
     /// No model can be made of the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
@@ -101,6 +105,7 @@ impl ScenarioError {
             Wrong::MeshFile(error) => error.is_machine(),
             Wrong::Generate(error) => error.is_machine(),
             Wrong::Setup(error) => error.is_machine(),
+            Wrong::Gpu(error) => error.is_machine(),
             Wrong::Stiffened(error) => error.is_machine(),
             _ => false,
         }

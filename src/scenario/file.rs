@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
-use super::tissue::TissueSpec;
+use super::tissue::{LevelName, TissueSpec};
 use crate::document::{Source, Version};
+use crate::gpu::AdapterChoice;
 use crate::quality::QualitySpec;
 use crate::scene::SceneFile;
 
@@ -45,6 +46,9 @@ pub struct ScenarioFile {
     /// The text that it was read from, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
+    /// The adapter of `tissue.device = "gpu"`. Default: that of the environment, else the best.
+    #[serde(skip)]
+    pub adapter: Option<AdapterChoice>,
 }
 
 impl ScenarioFile {
@@ -91,7 +95,7 @@ impl<'de> Deserialize<'de> for SceneSource {
 }
 
 /// How long a scenario runs, and in what steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RunSpec {
     /// Time of a step, ms (0.01 to 100). Default 1, the rate at which a hand is given its force.
@@ -100,4 +104,16 @@ pub struct RunSpec {
     pub duration_s: Option<f64>,
     /// Frames a second of simulated time (above 0, at most 1000). Default 25.
     pub frame_rate_hz: Option<f64>,
+    /// Levels of remeshing that it changes to on its way (finite elements), ascending in time.
+    pub change: Vec<ChangeSpec>,
+}
+
+/// Another level of remeshing from a time on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ChangeSpec {
+    /// When, s, in the time of the motions and within the run: before the step that reaches it.
+    pub at_s: f64,
+    /// The level from then on. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
+    pub level: LevelName,
 }

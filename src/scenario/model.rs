@@ -13,6 +13,8 @@ use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
 use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::tissue::remesh::{Level, RemeshError};
+use crate::remesh_gpu::maker;
 
 /// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
@@ -53,8 +55,12 @@ impl Scenario {
                 ..Options::default()
             },
         };
-        let mut finite = Finite::new(setup, progress).map_err(|error| self.blame(error))?;
-        if !dense {
+        let finite = match &self.gpu {
+            Some(gpu) => Finite::with_maker(setup, maker(gpu), progress),
+            None => Finite::new(setup, progress),
+        };
+        let mut finite = finite.map_err(|error| self.blame(error))?;
+        if self.modelling.level == Level::Exact {
             self.look_ahead(&mut finite);
         }
         Ok(Box::new(finite))
@@ -114,6 +120,7 @@ impl Scenario {
             InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => {
                 "tissue"
             }
+            InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
             InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
         };
         self.file.fault(key, Wrong::Setup(error))

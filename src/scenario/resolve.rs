@@ -10,18 +10,19 @@ use super::clearance;
 use super::error::{ScenarioError, Wrong};
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
+use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
-use super::tissue::{ColumnsName, TissueModel};
+use crate::gpu::Gpu;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
-use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::mechanics::tissue::remesh::Level;
 use crate::quality::QualitySpec;
 use crate::scene::Scene;
 use crate::tracking::needle::NeedlePath;
@@ -61,21 +62,6 @@ impl Timing {
     }
 }
 
-/// How tissue is to be modelled.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Modelling {
-    /// The model.
-    pub model: TissueModel,
-    /// Finite elements: how much follows each change of the mesh.
-    pub level: Level,
-    /// Finite elements: of the compliance.
-    pub precision: Precision,
-    /// Finite elements: where it comes from.
-    pub columns: ColumnsName,
-    /// Finite elements: least distance between nodes on the needle, mm.
-    pub contact_spacing_mm: f64,
-}
-
 /// A scenario that can be run: every file read, every number in its range, the mesh made.
 #[derive(Clone, Debug)]
 pub struct Scenario {
@@ -99,6 +85,10 @@ pub struct Scenario {
     pub region_names: BTreeMap<i32, String>,
     /// How tissue is modelled.
     pub modelling: Modelling,
+    /// The GPU that keeps the dense inverse; none where the CPU does.
+    pub gpu: Option<Gpu>,
+    /// Times (s, of the motions) at which the level of remeshing changes, and to which, ascending.
+    pub changes: Vec<(f64, Level)>,
     /// The needle.
     pub needle: NeedleSettings,
     /// The probe in contact, if there is one.
@@ -213,8 +203,14 @@ impl ScenarioFile {
             .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
         self.check_deposits(&deposits, &timing)?;
+        let changes = self.changes(&timing)?;
+        let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
+        notes.extend(
+            gpu.iter()
+                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
+        );
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
@@ -245,6 +241,8 @@ impl ScenarioFile {
             cylinder: tissue.cylinder,
             contact: tissue.contact,
             modelling,
+            gpu,
+            changes,
             quality,
             needle,
             deposits,
@@ -353,7 +351,7 @@ impl ScenarioFile {
         Ok(numbers.filter(|region| !outside.contains(region)).collect())
     }
 
-    fn during(&self, timing: &Timing, time_s: f64) -> bool {
+    pub(super) fn during(&self, timing: &Timing, time_s: f64) -> bool {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 
@@ -403,33 +401,6 @@ impl ScenarioFile {
             dt_s,
             steps: (duration / dt_s - REACHED).ceil().max(1.0) as u64,
             frame_s,
-        })
-    }
-
-    fn modelling(&self) -> Result<Modelling, ScenarioError> {
-        let spec = &self.tissue;
-        let level = Level::from(spec.level.unwrap_or_default());
-        let precision = Precision::from(spec.precision.unwrap_or_default());
-        let usual = match level {
-            Level::Exact => ColumnsName::OnDemand,
-            _ => ColumnsName::Dense,
-        };
-        let columns = spec.columns.unwrap_or(usual);
-        if level == Level::Exact && precision == Precision::Single {
-            return Err(self.wrong_keys("tissue.precision", "f32 at the exact level", "`f64`, or another level"));
-        }
-        if level != Level::Exact && columns == ColumnsName::OnDemand {
-            let found = format!("columns on demand at level {level}, which keeps a dense inverse");
-            return Err(self.wrong_keys("tissue.columns", found, "`dense`, or the exact level"));
-        }
-        let spacing = spec.contact_spacing_mm.unwrap_or(1.0);
-        let range = |x: f64| (0.1..=100.0).contains(&x);
-        Ok(Modelling {
-            contact_spacing_mm: self.number("tissue.contact_spacing_mm", spacing, range, "0.1 to 100 mm")?,
-            model: spec.model,
-            level,
-            precision,
-            columns,
         })
     }
 }

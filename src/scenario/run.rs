@@ -108,7 +108,7 @@ impl Beat {
 /// Runs a scenario from its start to its end. Times of steps are measured and told; nothing depends on them.
 ///
 /// # Errors
-/// Those of a step, and the observer's.
+/// Those of a step and of a change of level, and the observer's.
 pub fn run<O: Observer>(
     scenario: &Scenario,
     model: &mut dyn Model,
@@ -125,7 +125,11 @@ pub fn run<O: Observer>(
     model.start(&scenario.instruments(0));
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
+    let mut changes = scenario.changes.iter().peekable();
     for number in 1..=timing.steps {
+        while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
+            tally.change(number, &model.set_level(*level)?);
+        }
         let instruments = scenario.instruments(number);
         let start = Instant::now();
         model.step(&instruments, timing.dt_s)?;

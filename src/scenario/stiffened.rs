@@ -112,6 +112,7 @@ impl ScenarioFile {
         let spec = &self.tissue;
         let of_linear = [
             ("level", spec.level.is_some()),
+            ("device", spec.device.is_some()),
             ("precision", spec.precision.is_some()),
             ("columns", spec.columns.is_some()),
             ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::resolve::Scenario;
 use super::run::Step;
-use crate::mechanics::insertion::{EventKind, Snapshot, Tissue};
+use crate::mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
 use crate::study::spread::Times;
 
 /// Most events that are kept: a run that never converges reports one a step.
@@ -40,6 +40,8 @@ pub struct Summary {
     pub max_inverted_elements: Option<usize>,
     /// Times of steps.
     pub step_ms: StepMs,
+    /// Changes of the level of remeshing.
+    pub level_changes: Vec<LevelChanged>,
     /// What happened.
     pub events: Vec<Happened>,
     /// Seeds, in the order in which they were left.
@@ -67,10 +69,28 @@ pub struct StepMs {
     pub remesh_max: Option<f64>,
 }
 
+/// A change of the level of remeshing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LevelChanged {
+    /// At the end of the step before it, s from the start of the run.
+    pub time_s: f64,
+    /// The level before.
+    pub from: String,
+    /// The level since.
+    pub to: String,
+    /// Change of the force on the hand at the same pose, N.
+    pub force_jump_n: f64,
+    /// Largest change of an entry of the compliance at the contacts, over its largest entry.
+    pub compliance_change: f64,
+    /// What it took on this machine, s.
+    pub seconds: f64,
+}
+
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Happened {
-    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`, `not-converged` or `crushed`.
+    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`, `not-converged`,
+    /// `crushed` or `device-lost`.
     pub kind: &'static str,
     /// What, for people.
     pub text: String,
@@ -129,6 +149,7 @@ fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
         EventKind::NotRemeshed => "the mesh does not follow the tip".to_owned(),
         EventKind::NotConverged => "step not converged: its forces are approximate".to_owned(),
         EventKind::Crushed => "elements inverted beside the needle or probe".to_owned(),
+        EventKind::DeviceLost => "the GPU failed: the CPU goes on".to_owned(),
     }
 }
 
@@ -160,6 +181,7 @@ impl<'a> Tally<'a> {
             not_converged: 0,
             max_inverted_elements: None,
             step_ms: StepMs::default(),
+            level_changes: Vec::new(),
             events: Vec::new(),
             seeds: Vec::new(),
             targets: scenario
@@ -223,6 +245,18 @@ impl<'a> Tally<'a> {
                 region,
             });
         }
+    }
+
+    /// Takes note of a change of level before a step.
+    pub fn change(&mut self, step: u64, change: &LevelChange) {
+        self.summary.level_changes.push(LevelChanged {
+            time_s: (step - 1) as f64 * self.scenario.timing.dt_s,
+            from: change.from.to_string(),
+            to: change.to.to_string(),
+            force_jump_n: change.force_jump_n,
+            compliance_change: change.compliance_change,
+            seconds: change.seconds,
+        });
     }
 
     /// Takes note of the tissue at a frame or a mesh.
@@ -315,6 +349,10 @@ impl<'a> Tally<'a> {
             (
                 EventKind::Crushed,
                 "elements beside the contacts were inverted: tissue is crushed there",
+            ),
+            (
+                EventKind::DeviceLost,
+                "the GPU failed, and the CPU went on with remeshing",
             ),
             (
                 EventKind::NotRemeshed,

@@ -36,7 +36,9 @@ pub struct TissueSpec {
     pub outside: Vec<RegionName>,
     /// How much of the compliance follows each change of the mesh (finite elements). Default `exact`.
     pub level: Option<LevelName>,
-    /// Precision of a dense inverse. Default `f64`; the exact level is always in it.
+    /// Where a dense inverse is kept and updated, at levels I to IV. Default `cpu`.
+    pub device: Option<DeviceName>,
+    /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one there; the exact level is always in `f64`.
     pub precision: Option<PrecisionName>,
     /// Where the compliance comes from. Default `on-demand` for the exact level, `dense` for all others.
     pub columns: Option<ColumnsName>,
@@ -119,6 +121,17 @@ impl From<PrecisionName> for Precision {
             PrecisionName::Single => Precision::Single,
         }
     }
+}
+
+/// Devices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeviceName {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// The best GPU adapter, or the one that `--adapter` or `INSONIFY_ADAPTER` names; software Vulkan where there is no other.
+    Gpu,
 }
 
 /// Where columns of the compliance come from.

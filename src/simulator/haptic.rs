@@ -7,7 +7,8 @@ use super::forces::{Easing, Forces, Given};
 use super::hand_over::{Publisher, hand_over};
 use super::imaging::{Imaging, InvalidImaging};
 use super::recording::{Input, Recording, State};
-use crate::mechanics::insertion::{Instruments, Model, Outcome, StepError};
+use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, StepError};
+use crate::mechanics::tissue::remesh::Level;
 use crate::synth::Synthesizer;
 
 /// Steps a model on the caller's thread.
@@ -70,6 +71,22 @@ impl Haptic {
         let overrun = took.checked_sub(self.options.budget).filter(|late| !late.is_zero());
         let given = self.easing.next(computed, dt_s, overrun.is_some(), self.options.policy);
         Ok(given.forces(instruments, self.options.probe_points, took, overrun))
+    }
+
+    /// Changes the level of remeshing, and tells what that took and by how much the force on the hand jumps. It may take longer than a
+    /// step: see [`Model::set_level`]. A recording begins anew, from the state now, as states and inputs do not hold the level.
+    ///
+    /// # Errors
+    /// [`StepError`]; the level is then as before.
+    pub fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
+        let change = self.model.set_level(level)?;
+        if let Some(publisher) = &mut self.publisher {
+            publisher.publish(&mut *self.model);
+        }
+        if self.recording.is_some() {
+            self.record();
+        }
+        Ok(change)
     }
 
     /// All that the last step found. Its forces are those of the model, which an easing [`Policy`](super::Policy) may

@@ -8,7 +8,7 @@ use crate::mechanics::insertion::{Instruments, Saved};
 /// How far from 1 the length of a quaternion in a file may be.
 const UNIT_TOLERANCE: f64 = 1e-9;
 
-/// Everything that later steps depend on but the instruments.
+/// Everything that later steps depend on but the instruments and the level of remeshing, which is the model's own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {

@@ -14,8 +14,11 @@ use std::time::Duration;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Options, Policy};
-use crate::mechanics::insertion::{Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Tissue};
+use crate::mechanics::insertion::{
+    Field, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Tissue,
+};
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::remesh::Level;
 
 /// What was asked of a fake model.
 #[derive(Default)]
@@ -114,6 +117,17 @@ impl Model for Fake {
         Box::new(FakeImager {
             mesh: self.mesh.clone(),
             asked: self.asked.clone(),
+        })
+    }
+
+    fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
+        self.state += 1.0;
+        Ok(LevelChange {
+            from: Level::Exact,
+            to: level,
+            compliance_change: 0.0,
+            force_jump_n: 1.0,
+            seconds: 0.0,
         })
     }
 

@@ -6,6 +6,7 @@ use std::fs;
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
 use serde_json::Value;
 
+use crate::gpu::gpu_or_skip;
 use crate::support::{Bench, grey};
 
 /// A coarse block, held at its far side, with a needle that goes in 25 mm along z in 0.5 s.
@@ -317,4 +318,46 @@ fn the_first_step_is_travelled() {
     assert!(first["remeshes"].as_u64().expect("a count") > 3, "{first}");
     let kind = |summary: &Value| summary["events"][0]["kind"].clone();
     assert_eq!([kind(&first), kind(&second)], ["surface", "surface"]);
+}
+
+#[test]
+fn remeshing_works_on_a_gpu_and_changes_its_level_on_the_way() {
+    let bench = bench();
+    let on_gpu = BLOCK
+        .replace(
+            "nodes = 300",
+            "nodes = 300\ndevice = \"gpu\"\nlevel = \"I\"\n[[tissue.material]]\npoisson = 0.45",
+        )
+        .replace(
+            "[scene.volume]",
+            "[[run.change]]\nat_s = 0.25\nlevel = \"III\"\n[scene.volume]",
+        );
+    bench.write("gpu.toml", &on_gpu);
+    bench
+        .run_without_gpu("insert gpu.toml -o out -q")
+        .fails(1, &["gpu.toml", "line 22", "no GPU adapter"]);
+    let Some(gpu) = gpu_or_skip("remeshing_works_on_a_gpu_and_changes_its_level_on_the_way") else {
+        return;
+    };
+    bench
+        .run("insert gpu.toml -o out -q --adapter nonsense")
+        .fails(2, &["nonsense", "line 22"]);
+    let run = bench.run("insert gpu.toml -o out --json");
+    let name = format!("remeshing works on '{}'", gpu.report().name);
+    assert!(run.stderr.contains(&name), "{}", run.stderr);
+    let summary = run.json();
+    let change = &summary["level_changes"][0];
+    assert_eq!(
+        (&change["from"], &change["to"]),
+        (&Value::from("I"), &Value::from("III"))
+    );
+    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    assert!(page.contains("Changes of level") && page.contains("I to III"));
+
+    // In f32 as on the CPU, up to rounding.
+    bench.write("cpu.toml", &on_gpu.replace("device = \"gpu\"", "precision = \"f32\""));
+    let cpu = bench.run("insert cpu.toml -o cpu --json").json();
+    let [own, other] = [&summary, &cpu].map(|summary| summary["max_base_force_n"].as_f64().expect("a force"));
+    assert!((own - other).abs() < 1e-2 * other, "{own} N, on the CPU {other} N");
+    assert_eq!(summary["remeshes"], cpu["remeshes"]);
 }

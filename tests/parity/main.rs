@@ -15,6 +15,7 @@ mod scenes;
 mod blur;
 mod frame;
 mod geometry;
+mod insertion;
 mod interface;
 mod needle;
 mod noise;
@@ -41,6 +42,7 @@ fn gpu_tests_run_or_are_counted_as_skipped() {
         include_str!("blur.rs"),
         include_str!("frame.rs"),
         include_str!("geometry.rs"),
+        include_str!("insertion.rs"),
         include_str!("interface.rs"),
         include_str!("needle.rs"),
         include_str!("noise.rs"),

@@ -51,12 +51,12 @@ impl QualityArgs {
                 (None, None) => Nodes::Open,
             },
         });
-        let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some();
+        let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some() || file.tissue.device.is_some();
         let needle = |wanted: NeedleModel, stated: fn(&NeedleTable) -> bool| {
             model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
         };
         let open = |key: &str| match key {
-            // Precision and columns belong to a level: who states them has chosen.
+            // Precision, columns and device belong to a level: who states them has chosen.
             step_costs::LEVEL => file.tissue.level.is_none() && !dense,
             // Offered only where they are open.
             step_costs::NODES => true,

@@ -10,6 +10,7 @@ mod forces;
 mod friction;
 mod imager;
 mod joint;
+mod level;
 mod nearby;
 mod part;
 mod path;
@@ -29,11 +30,13 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::{Anatomy, Event, EventKind, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use super::{
+    Anatomy, Event, EventKind, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Wrench,
+};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::remesh::Adaptation;
+use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker, Precision, Source};
 use ahead::Outlook;
 use channel::Channel;
 use contact::Contact;
@@ -55,6 +58,10 @@ pub struct Finite {
     /// Whether each node lies there.
     on_surface: Vec<bool>,
     factor: Arc<Factor>,
+    /// The dense inverse, once a level has needed it.
+    dense: Option<Source>,
+    /// Of the dense inverse.
+    precision: Precision,
     adaptation: Adaptation,
     anatomy: Arc<dyn Anatomy>,
     needle: Box<dyn Needle>,
@@ -127,7 +134,20 @@ impl Finite {
     /// # Errors
     /// [`InvalidSetup`].
     pub fn new(setup: Setup, progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
-        setup.build(progress)
+        setup.build(None, progress)
+    }
+
+    /// As [`Finite::new`], with remeshers from `maker`, here and at every change of level. Should a device of theirs fail, the
+    /// processor goes on, and the outcome has an event of it.
+    ///
+    /// # Errors
+    /// [`InvalidSetup`].
+    pub fn with_maker(
+        setup: Setup,
+        maker: Maker,
+        progress: impl FnMut(usize, usize) + Send,
+    ) -> Result<Finite, InvalidSetup> {
+        setup.build(Some(maker), progress)
     }
 
     /// The mesh at rest.
@@ -299,6 +319,10 @@ impl Model for Finite {
                 self.version += 1;
             }
         }
+        if self.adaptation.take_failure().is_some() {
+            self.version += 1;
+            self.note(EventKind::DeviceLost, self.outcome.tip_mm, None);
+        }
         if self.outcome.crushed > 0 && !was_crushed {
             self.note(EventKind::Crushed, self.outcome.tip_mm, None);
         }
@@ -323,6 +347,10 @@ impl Model for Finite {
             Arc::clone(&self.factor),
             dofs,
         ))
+    }
+
+    fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
+        Ok(self.change_level(level)?)
     }
 
     fn save(&mut self) -> Saved {

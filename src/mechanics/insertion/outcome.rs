@@ -114,6 +114,8 @@ pub enum EventKind {
     NotConverged,
     /// Elements are inverted.
     Crushed,
+    /// The device that held the compliance has failed, and the processor goes on.
+    DeviceLost,
 }
 
 impl EventKind {
@@ -130,6 +132,7 @@ impl EventKind {
             EventKind::NotRemeshed => "not-remeshed",
             EventKind::NotConverged => "not-converged",
             EventKind::Crushed => "crushed",
+            EventKind::DeviceLost => "device-lost",
         }
     }
 }

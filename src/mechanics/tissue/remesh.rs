@@ -47,7 +47,7 @@ pub use adaptation::Adaptation;
 pub use adapted::{AdaptedMesh, Change, RefusedMove};
 pub use difference::Difference;
 pub use error::RemeshError;
-pub use make::{Source, make};
+pub use make::{Maker, Source, make};
 pub use options::Options;
 pub use report::{Rebuilt, RemeshReport};
 

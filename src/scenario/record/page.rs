@@ -30,6 +30,7 @@ pub(super) fn page(
     }
     targets(&mut page, summary);
     seeds(&mut page, summary);
+    changes(&mut page, summary);
     events(&mut page, summary);
     let links = others
         .iter()
@@ -131,6 +132,24 @@ fn seeds(page: &mut Page, summary: &Summary) {
     });
     let heads = ["left at, s", "planned, mm", "deposited, mm", "distance, mm"];
     table(page, "Seeds", &heads, rows.collect());
+}
+
+fn changes(page: &mut Page, summary: &Summary) {
+    let rows = summary.level_changes.iter().map(|change| {
+        vec![
+            format!("{:.3}", change.time_s),
+            format!("{} to {}", change.from, change.to),
+            format!("{:.3e}", change.force_jump_n),
+            format!("{:.3}", change.seconds),
+        ]
+    });
+    let heads = [
+        "at, s",
+        "level of remeshing",
+        "jump of the force on the hand, N",
+        "took, s",
+    ];
+    table(page, "Changes of level", &heads, rows.collect());
 }
 
 fn events(page: &mut Page, summary: &Summary) {

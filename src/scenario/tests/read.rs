@@ -34,6 +34,34 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             12,
             "mass-spring",
         ),
+        (
+            "nodes = 250",
+            "model = \"mass-spring\"\ndevice = \"gpu\"",
+            12,
+            "`device` of a mass-spring model",
+        ),
+        ("nodes = 250", "device = \"gpu\"", 11, "the exact level on a GPU"),
+        ("nodes = 250", "device = \"tpu\"", 11, "unknown variant `tpu`"),
+        (
+            "nodes = 250",
+            "device = \"gpu\"\nlevel = \"I\"\nprecision = \"f64\"",
+            13,
+            "keeps the inverse in f32",
+        ),
+        ("nodes = 250", "precision = \"f32\"", 11, "f32 at the exact level"),
+        (
+            "dt_ms = 10",
+            "dt_ms = 10\n[[run.change]]\nat_s = 9\nlevel = \"I\"",
+            5,
+            "found 9; expected a time within the run",
+        ),
+        (
+            "dt_ms = 10",
+            "change = [\n{ at_s = 1, level = \"I\" },\n{ at_s = 0.5, level = \"II\" },\n]",
+            5,
+            "ascending times",
+        ),
+        ("dt_ms = 10", "change = [{ at_s = 1 }]", 3, "missing field `level`"),
         ("40], [inf", "400], [inf", 13, "no node in this box"),
         (
             "\"phantom_inclusion\"",
@@ -180,4 +208,14 @@ fn the_reference_has_every_key_of_the_schema_and_runs() {
     assert_ne!(coarse, REFERENCE);
     let scenario = resolved(&coarse).unwrap_or_else(|error| panic!("{error}"));
     assert!(scenario.timing.steps > 1000);
+}
+
+#[test]
+fn only_finite_elements_change_their_level() {
+    let text = BLOCK.replace("dt_ms = 10", "change = [{ at_s = 1, level = \"I\" }]");
+    for model in ["mass-spring", "nonlinear"] {
+        let text = text.replace("nodes = 250", &format!("model = \"{model}\""));
+        let error = resolved(&text).map(drop).expect_err(model);
+        assert_eq!(error.key(), Some("run.change"), "{error}");
+    }
 }

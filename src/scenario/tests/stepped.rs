@@ -203,3 +203,41 @@ impl Observer for Written {
         Ok(())
     }
 }
+
+#[test]
+fn the_level_of_remeshing_changes_on_the_way() {
+    let changes = "[[run.change]]\nat_s = 0.2\nlevel = \"IV\"\n[[run.change]]\nat_s = 1.9\nlevel = \"exact\"\n";
+    let changing =
+        resolved(&BLOCK.replace("[scene.volume]", &(changes.to_owned() + "[scene.volume]"))).expect("changes");
+    let plain = resolved(BLOCK).expect("a scenario");
+    let [(changing, told), (plain, untold)] = [changing, plain].map(|scenario| {
+        let mut written = Written {
+            record: Record::new(&scenario),
+            csv: Vec::new(),
+        };
+        let mut model = scenario.model(|_, _| {}).expect("a model");
+        let summary = run(&scenario, model.as_mut(), Asked::default(), &mut written).expect("a run");
+        let text = String::from_utf8(written.csv).expect("text");
+        let rows = text
+            .lines()
+            .filter_map(|line| Some(line.rsplit_once(',')?.0.to_owned()));
+        (rows.collect::<Vec<_>>(), summary.level_changes)
+    });
+    assert_eq!(untold, []);
+    let levels = told.iter().map(|change| (change.from.as_str(), change.to.as_str()));
+    assert_eq!(levels.collect::<Vec<_>>(), [("exact", "IV"), ("IV", "exact")]);
+    // Before the 20th and the 190th of 200 steps of 10 ms.
+    for (change, time_s) in told.iter().zip([0.19, 1.89]) {
+        assert!(
+            (change.time_s - time_s).abs() < 1e-9 && change.seconds > 0.0,
+            "{change:?}"
+        );
+    }
+    assert!(
+        told[0].force_jump_n < 1e-6,
+        "level IV begins with what is there: {told:?}"
+    );
+    assert!(told[1].force_jump_n > 1e-6, "and what it left comes then: {told:?}");
+    assert_eq!(changing[..20], plain[..20]);
+    assert_ne!(changing[189], plain[189]);
+}

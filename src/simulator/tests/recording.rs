@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::{Fake, instruments, patient};
 use crate::mechanics::insertion::{Outcome, Saved, StepError};
+use crate::mechanics::tissue::remesh::Level;
 use crate::simulator::{Forces, Haptic, Input, Recording, State};
 
 #[test]
@@ -54,6 +55,23 @@ fn going_back_begins_a_recording_anew() {
     let time_s = haptic.time_s();
     assert!(matches!(haptic.restore(&foreign), Err(StepError::Foreign(_))));
     assert_eq!(haptic.time_s(), time_s);
+}
+
+#[test]
+fn a_change_of_level_begins_a_recording_anew() {
+    let mut haptic = Haptic::new(Box::new(Fake::default()), patient());
+    haptic.record();
+    haptic.step(&instruments(1), 1e-3).expect("step");
+    let change = haptic.set_level(Level::III).expect("a level");
+    assert_eq!((change.to, change.force_jump_n), (Level::III, 1.0));
+    let forces = haptic.step(&instruments(2), 1e-3).expect("step");
+    let recording = haptic.take_recording().expect("recording");
+    assert_eq!(recording.inputs.len(), 1);
+    let mut seen = Vec::new();
+    haptic
+        .replay(&recording, |forces, _| seen.push(forces.hand_base))
+        .expect("replay");
+    assert_eq!(seen, [forces.hand_base]);
 }
 
 #[test]

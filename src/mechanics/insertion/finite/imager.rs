@@ -84,11 +84,14 @@ impl Finite {
         }
         let mut all = vec![0.0; mesh.dofs().free()];
         let mut nodes = vec![[0.0; 3]; mesh.nodes().len()];
-        let (mesh, remesher) = self.adaptation.parts();
-        if remesher.displacement(&self.memory.contact_forces, &mut all).is_err() {
-            unreachable!("one force a contact, one displacement a degree of freedom");
+        let forces = &self.memory.contact_forces;
+        if let Err(error) = self
+            .adaptation
+            .ask(|_, remesher| remesher.displacement(forces, &mut all))
+        {
+            unreachable!("one force a contact, one displacement a degree of freedom: {error}");
         }
-        mesh.dofs().scatter(&all, &mut nodes);
+        self.adaptation.mesh().dofs().scatter(&all, &mut nodes);
         into.field = Field::Displacement(nodes);
     }
 }

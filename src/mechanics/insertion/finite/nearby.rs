@@ -83,15 +83,17 @@ impl Nearby {
             let mesh_step = adaptation.mesh().step();
             self.key = Some(Key { mesh_step, contacts });
         }
-        let (mesh, remesher) = adaptation.parts();
         let (at, columns) = (self.nodes.len(), self.columns.len());
         self.rows.truncate(3 * at * columns);
         self.rows.resize(3 * (at + 1) * columns, 0.0);
         let rows = self.rows[3 * at * columns..].chunks_exact_mut(columns.max(1));
+        let dofs = adaptation.mesh().dofs().of(node);
         // What does not move has zeros.
-        for (row, dof) in rows.zip(mesh.dofs().of(node)).filter(|(_, dof)| *dof != NONE) {
-            let out = MatMut::from_row_major_slice_mut(row, 1, columns);
-            remesher.carrier_into(&[dof as usize], &self.columns, out)?;
+        for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
+            adaptation.ask(|_, remesher| {
+                let out = MatMut::from_row_major_slice_mut(row, 1, columns);
+                remesher.carrier_into(&[dof as usize], &self.columns, out)
+            })?;
         }
         self.nodes.push(Near {
             node,

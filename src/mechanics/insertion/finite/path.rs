@@ -273,12 +273,12 @@ impl Finite {
     pub(super) fn name_contacts(&mut self) {
         let dofs = &mut self.memory.dofs;
         dofs.clear();
-        let (mesh, remesher) = self.adaptation.parts();
+        let mesh = self.adaptation.mesh();
         let probe = self.press.iter().flat_map(|press| press.nodes().iter().copied());
         let needle = self.contacts.iter().map(|contact| contact.node);
         let nodes = probe.chain(needle).chain(self.tip.corners.iter().copied());
         dofs.extend(nodes.flat_map(|node| mesh.dofs().of(node)).map(|dof| dof as usize));
-        if let Err(error) = remesher.set_contacts(dofs) {
+        if let Err(error) = self.adaptation.ask(|_, remesher| remesher.set_contacts(dofs)) {
             unreachable!("contacts are free nodes, each once: {error}");
         }
         self.version += 1;

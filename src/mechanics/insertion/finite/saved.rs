@@ -17,7 +17,7 @@ use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
 /// A direction is as long as 1 to this.
 const UNIT: f64 = 1e-9;
 
-/// All that a step depends on.
+/// All that a step depends on but the level of remeshing, which is the model's own.
 #[derive(Serialize, Deserialize)]
 struct State {
     nodes: usize,
@@ -208,11 +208,15 @@ impl Finite {
 
     /// Computes anew all that is derived from the state.
     fn start_anew(&mut self) {
-        let (mesh, remesher) = self.adaptation.parts();
-        if let Err(error) = remesher.refresh(mesh) {
+        if let Err(error) = self.adaptation.ask(|mesh, remesher| remesher.refresh(mesh)) {
             // The updated compliance is kept, as good as it is.
             debug_assert!(matches!(error, RemeshError::FarFromBase { .. }), "{error}");
         }
+        self.take_anew();
+    }
+
+    /// Takes in a compliance that may differ in every entry.
+    pub(super) fn take_anew(&mut self) {
         self.version += 1;
         self.nearby = Nearby::default();
         self.outlook = None;

@@ -18,7 +18,7 @@ use crate::mechanics::tissue::dofs::{Dofs, NONE};
 use crate::mechanics::tissue::factor::{Factor, FactorError};
 use crate::mechanics::tissue::inverse::{InverseError, invert};
 use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Precision, RemeshError, Source};
+use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, RemeshError, Source};
 use crate::mechanics::tissue::rigid::{self, RigidError};
 
 /// How steps are cut and iterated.
@@ -40,7 +40,8 @@ pub struct Options {
     pub remesh: crate::mechanics::tissue::remesh::Options,
     /// Columns of the base's compliance that are kept where there is no dense inverse (exact level).
     pub columns: usize,
-    /// Whether the exact level works from a dense inverse too.
+    /// Whether there is a dense inverse at the exact level too: it works from that if it is in f64, and a change to another level does
+    /// not wait for one.
     pub dense: bool,
 }
 
@@ -121,11 +122,13 @@ pub enum InvalidSetup {
 }
 
 impl InvalidSetup {
-    /// Whether the machine failed rather than the input: too little memory.
+    /// Whether the machine failed rather than the input: too little memory, or a device.
     pub fn is_machine(&self) -> bool {
         matches!(
             self,
-            Self::Factor(FactorError::Memory { .. }) | Self::Inverse(InverseError::Memory { .. })
+            Self::Factor(FactorError::Memory { .. })
+                | Self::Inverse(InverseError::Memory { .. })
+                | Self::Remesh(RemeshError::Device(_))
         )
     }
 }
@@ -164,20 +167,21 @@ impl Setup {
         Ok(())
     }
 
-    pub(super) fn build(self, progress: impl FnMut(usize, usize) + Send) -> Result<Finite, InvalidSetup> {
+    pub(super) fn build(
+        self,
+        maker: Option<Maker>,
+        progress: impl FnMut(usize, usize) + Send,
+    ) -> Result<Finite, InvalidSetup> {
         self.check()?;
         let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
         self.check_candidates(&dofs)?;
         rigid::check(&self.mesh, &dofs)?;
         let adapted = AdaptedMesh::new(&self.mesh, &self.materials, &dofs)?;
         let factor = Arc::new(Factor::new(adapted.stiffness())?);
-        let dense = self.options.dense || self.level != Level::Exact;
-        let source = match (dense, self.precision) {
-            (false, _) => Source::Columns(Columns::new(Arc::clone(&factor), self.options.columns)),
-            (true, Precision::Double) => Source::Double(Arc::new(invert(&factor, progress)?)),
-            (true, Precision::Single) => Source::Single(Arc::new(invert(&factor, progress)?)),
-        };
-        let adaptation = Adaptation::new(adapted, source, self.level, self.precision, self.options.remesh)?;
+        let is_dense = self.options.dense || self.level != Level::Exact;
+        let dense = is_dense.then(|| dense(&factor, self.precision, progress)).transpose()?;
+        let (source, precision) = source(self.level, dense.as_ref(), &factor, &self.options);
+        let adaptation = Adaptation::with_maker(adapted, source, self.level, precision, self.options.remesh, maker)?;
         let (locator, mesh) = (Arc::new(Locator::new(&self.mesh)), Arc::new(self.mesh));
         let mut on_surface = vec![false; mesh.nodes().len()];
         let mut surface = Vec::new();
@@ -194,6 +198,8 @@ impl Setup {
             locator,
             mesh,
             factor,
+            dense,
+            precision: self.precision,
             adaptation,
             surface,
             on_surface,
@@ -228,4 +234,33 @@ impl Setup {
         finite.name_contacts();
         Ok(finite)
     }
+}
+
+/// The dense inverse.
+///
+/// # Errors
+/// As [`invert`].
+pub(super) fn dense(
+    factor: &Factor,
+    precision: Precision,
+    progress: impl FnMut(usize, usize) + Send,
+) -> Result<Source, InverseError> {
+    Ok(match precision {
+        Precision::Double => Source::Double(Arc::new(invert(factor, progress)?)),
+        Precision::Single => Source::Single(Arc::new(invert(factor, progress)?)),
+    })
+}
+
+/// What a level works from, and in which precision: the dense inverse, but for the exact level where that is in f32 or there is none.
+pub(super) fn source(
+    level: Level,
+    dense: Option<&Source>,
+    factor: &Arc<Factor>,
+    options: &Options,
+) -> (Source, Precision) {
+    let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
+    let columns = || Source::Columns(Columns::new(Arc::clone(factor), options.columns));
+    let source = dense.filter(suits).cloned().unwrap_or_else(columns);
+    let precision = source.precision();
+    (source, precision)
 }

@@ -110,3 +110,54 @@ fn what_remeshing_moves_is_foreseen() {
     // The first is made where nothing can be known before; the others where the straight path says.
     assert!(foreseen + 2 >= made, "{foreseen} of {made}");
 }
+
+#[test]
+fn the_level_changes_with_the_needle_in() {
+    let interaction = Interaction {
+        friction_n_per_mm: 0.02,
+        cutting_n: 0.5,
+        ..Interaction::default()
+    };
+    let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
+    for step in 1..=300 {
+        finite.step(&at(0.1 * f64::from(step)), 0.001).expect("a step");
+    }
+    assert!(finite.contacts.len() >= 3 && finite.held() > 0);
+    let before = finite.outcome().on_hand;
+    assert!(before.force_n.norm() > 0.5, "{before:?}");
+    let mut from = Level::Exact;
+    for to in [Level::I, Level::III, Level::IV, Level::II, Level::Exact] {
+        let change = finite.set_level(to).expect("a level");
+        assert_eq!((change.from, change.to), (from, to));
+        assert_eq!(finite.adaptation().remesher().level(), to);
+        // The mesh has not changed since level I, so all are current.
+        assert!(
+            change.force_jump_n < 1e-9 && change.compliance_change < 1e-9,
+            "{change:?}"
+        );
+        from = to;
+    }
+    let after = finite.outcome().on_hand;
+    assert!((after.force_n - before.force_n).norm() < 1e-9, "{before:?} {after:?}");
+    assert!(
+        (after.torque_nmm - before.torque_nmm).norm() < 1e-6,
+        "{before:?} {after:?}"
+    );
+
+    // Level IV leaves what remeshing changes; at the exact level it is there again, as in a model that was always at it.
+    finite.set_level(Level::IV).expect("a level");
+    for step in 301..=500 {
+        finite.step(&at(0.1 * f64::from(step)), 0.001).expect("a step");
+    }
+    let change = finite.set_level(Level::Exact).expect("a level");
+    assert!(
+        change.compliance_change > 1e-3 && change.force_jump_n > 1e-4,
+        "{change:?}"
+    );
+    let mut other = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
+    other.restore(&finite.save()).expect("a state");
+    let [own, expected] = [&finite, &other].map(|finite| finite.adaptation().remesher().condensed());
+    assert!((own - expected).norm_max() < 1e-9 * expected.norm_max());
+    let again = finite.set_level(Level::Exact).expect("the same");
+    assert!(again.force_jump_n < 1e-9, "{again:?}");
+}

@@ -1,7 +1,7 @@
 //! A mesh and the remesher that follows it, kept together: a move happens to both or to neither.
 
 use super::adapted::{AdaptedMesh, Change, Record, RefusedMove};
-use super::make::{Source, make};
+use super::make::{Maker, Source, make};
 use super::rebase::{Rebase, RebaseError, adopt};
 use super::{Level, Options, Precision, RemeshError, RemeshReport, Remesher};
 
@@ -11,6 +11,10 @@ pub struct Adaptation {
     remesher: Box<dyn Remesher>,
     source: Source,
     options: Options,
+    /// What makes remeshers, where that is not [`make`].
+    maker: Option<Maker>,
+    /// Why a device was given up, until that is told.
+    failure: Option<String>,
     /// Memory for the degrees of freedom of an expected change.
     expected: Vec<u32>,
 }
@@ -38,12 +42,29 @@ impl Adaptation {
         precision: Precision,
         options: Options,
     ) -> Result<Adaptation, RemeshError> {
-        let remesher = make(level, precision, &source, &mesh, options)?;
+        Adaptation::with_maker(mesh, source, level, precision, options, None)
+    }
+
+    /// As [`Adaptation::new`], with remeshers from `maker`, if there is one. Where a device of theirs fails, those of [`make`] go on.
+    ///
+    /// # Errors
+    /// As `maker` or [`make`].
+    pub fn with_maker(
+        mesh: AdaptedMesh,
+        source: Source,
+        level: Level,
+        precision: Precision,
+        options: Options,
+        maker: Option<Maker>,
+    ) -> Result<Adaptation, RemeshError> {
+        let remesher = maker.as_deref().unwrap_or(&make)(level, precision, &source, &mesh, options)?;
         Ok(Adaptation {
             mesh,
             remesher,
             source,
             options,
+            maker,
+            failure: None,
             expected: Vec::new(),
         })
     }
@@ -61,6 +82,28 @@ impl Adaptation {
     /// The remesher, to name contacts and to read compliances and displacements, with the mesh that it follows.
     pub fn parts(&mut self) -> (&AdaptedMesh, &mut dyn Remesher) {
         (&self.mesh, &mut *self.remesher)
+    }
+
+    /// Asks something of the remesher. Where its device fails, one of [`make`] takes its place first, if this has a [`Maker`].
+    ///
+    /// # Errors
+    /// Those of the request.
+    pub fn ask<T>(
+        &mut self,
+        mut request: impl FnMut(&AdaptedMesh, &mut dyn Remesher) -> Result<T, RemeshError>,
+    ) -> Result<T, RemeshError> {
+        match request(&self.mesh, &mut *self.remesher) {
+            Err(failed @ RemeshError::Device(_)) => {
+                self.give_up_device(failed)?;
+                request(&self.mesh, &mut *self.remesher)
+            }
+            answer => answer,
+        }
+    }
+
+    /// Why a device was given up since this was last asked, if one was.
+    pub fn take_failure(&mut self) -> Option<String> {
+        self.failure.take()
     }
 
     /// Moves a node to `to` (mm, reference state).
@@ -114,9 +157,20 @@ impl Adaptation {
         if same_kind && precision == self.remesher.precision() {
             return self.remesher.set_level(&self.mesh, level);
         }
-        let next = make(level, precision, &self.source, &self.mesh, self.options)?;
-        self.replace(next)?;
+        self.switch_source(level, precision, self.source.clone())?;
         Ok(None)
+    }
+
+    /// Makes the remesher anew, from another compliance of the same base. Contacts and moves stay.
+    ///
+    /// # Errors
+    /// [`RemeshError`]; remesher and compliance of the base are then what they were.
+    pub fn switch_source(&mut self, level: Level, precision: Precision, source: Source) -> Result<(), RemeshError> {
+        let maker = self.maker.as_deref().unwrap_or(&make);
+        let next = maker(level, precision, &source, &self.mesh, self.options)?;
+        self.replace(next)?;
+        self.source = source;
+        Ok(())
     }
 
     /// Puts another remesher, which follows the mesh as it is now, in place of the one at hand. Contacts and moves stay.
@@ -140,13 +194,30 @@ impl Adaptation {
 
     /// Gives a change to the remesher, or takes it back.
     fn hand_over(&mut self, change: Change, record: Record) -> Result<RemeshReport, AdaptError> {
-        let result = self.remesher.remesh(&self.mesh, &change);
+        let mut result = self.remesher.remesh(&self.mesh, &change);
+        if let Err(failed @ RemeshError::Device(_)) = result {
+            let next = self.give_up_device(failed);
+            result = next.and_then(|()| self.remesher.refresh(&self.mesh));
+        }
         match result {
             Ok(_) => self.mesh.record(record, &change),
             Err(_) => self.mesh.take_back(&change),
         }
         self.mesh.reclaim(change);
         result.map_err(AdaptError::from)
+    }
+
+    /// Puts a remesher of [`make`] in place of one whose device has failed. It follows the mesh as it is now.
+    fn give_up_device(&mut self, failed: RemeshError) -> Result<(), RemeshError> {
+        if self.maker.is_none() {
+            return Err(failed);
+        }
+        let (level, precision) = (self.remesher.level(), self.remesher.precision());
+        let next = make(level, precision, &self.source, &self.mesh, self.options)?;
+        self.replace(next)?;
+        self.maker = None;
+        self.failure = Some(failed.to_string());
+        Ok(())
     }
 }
 

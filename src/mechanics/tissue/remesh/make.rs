@@ -71,6 +71,10 @@ impl Entry for f64 {
     }
 }
 
+/// Something that makes remeshers as [`make`] does, perhaps elsewhere than in the memory of this processor.
+pub type Maker =
+    Box<dyn Fn(Level, Precision, &Source, &AdaptedMesh, Options) -> Result<Box<dyn Remesher>, RemeshError> + Send>;
+
 /// A remesher at `level` that follows `mesh` from its current state, from the compliance of its base. Levels I to IV need a
 /// dense inverse, and work in the precision asked for if the source has it, or has more; the exact level takes any source
 /// and reads it as it is.

@@ -46,6 +46,8 @@ fn a_refused_request_changes_neither_mesh_nor_remesher() {
             remesher,
             source,
             options: strict,
+            maker: None,
+            failure: None,
             expected: Vec::new(),
         };
         let state = |adaptation: &Adaptation| {

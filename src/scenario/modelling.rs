@@ -1,0 +1,118 @@
+//! How tissue is modelled: model, level of remeshing, precision, device.
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::resolve::Timing;
+use super::tissue::{ColumnsName, DeviceName, LevelName, TissueModel};
+use crate::gpu::{AdapterChoice, Gpu, Needs};
+use crate::mechanics::tissue::remesh::{Level, Precision};
+
+/// How tissue is to be modelled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modelling {
+    /// The model.
+    pub model: TissueModel,
+    /// Finite elements: how much follows each change of the mesh.
+    pub level: Level,
+    /// Finite elements: of the compliance.
+    pub precision: Precision,
+    /// Finite elements: where it comes from.
+    pub columns: ColumnsName,
+    /// Finite elements: least distance between nodes on the needle, mm.
+    pub contact_spacing_mm: f64,
+}
+
+impl ScenarioFile {
+    pub(super) fn modelling(&self) -> Result<Modelling, ScenarioError> {
+        let spec = &self.tissue;
+        let level = Level::from(spec.level.unwrap_or_default());
+        let is_on_gpu = self.is_on_gpu();
+        let usual = if is_on_gpu {
+            Precision::Single
+        } else {
+            Precision::Double
+        };
+        let precision = spec.precision.map_or(usual, Precision::from);
+        let usual = match level {
+            Level::Exact => ColumnsName::OnDemand,
+            _ => ColumnsName::Dense,
+        };
+        let columns = spec.columns.unwrap_or(usual);
+        if is_on_gpu && level == Level::Exact {
+            let key = if spec.level.is_some() {
+                "tissue.level"
+            } else {
+                "tissue.device"
+            };
+            let found = "the exact level on a GPU, which has no part for it";
+            return Err(self.wrong_keys(key, found, "`level` I, II, III or IV, or `device = \"cpu\"`"));
+        }
+        if is_on_gpu && precision == Precision::Double {
+            let expected = "`f32`, or `device = \"cpu\"`";
+            return Err(self.wrong_keys(
+                "tissue.precision",
+                "f64 on a GPU, which keeps the inverse in f32",
+                expected,
+            ));
+        }
+        let changes_to_dense = self.run.change.iter().any(|change| change.level != LevelName::Exact);
+        if level == Level::Exact && precision == Precision::Single && !changes_to_dense {
+            return Err(self.wrong_keys("tissue.precision", "f32 at the exact level", "`f64`, or another level"));
+        }
+        if level != Level::Exact && columns == ColumnsName::OnDemand {
+            let found = format!("columns on demand at level {level}, which keeps a dense inverse");
+            return Err(self.wrong_keys("tissue.columns", found, "`dense`, or the exact level"));
+        }
+        if spec.model != TissueModel::FiniteElement && !self.run.change.is_empty() {
+            let found = "a change of level of a model that has none";
+            return Err(self.wrong_keys("run.change", found, "`tissue.model = \"finite-element\"`"));
+        }
+        let spacing = spec.contact_spacing_mm.unwrap_or(1.0);
+        let range = |x: f64| (0.1..=100.0).contains(&x);
+        Ok(Modelling {
+            contact_spacing_mm: self.number("tissue.contact_spacing_mm", spacing, range, "0.1 to 100 mm")?,
+            model: spec.model,
+            level,
+            precision,
+            columns,
+        })
+    }
+
+    /// Whether it asks for a GPU. Other models than of finite elements refuse that by themselves.
+    fn is_on_gpu(&self) -> bool {
+        self.tissue.device == Some(DeviceName::Gpu) && self.tissue.model == TissueModel::FiniteElement
+    }
+
+    /// The GPU, if one is asked for.
+    pub(super) fn gpu(&self) -> Result<Option<Gpu>, ScenarioError> {
+        if !self.is_on_gpu() {
+            return Ok(None);
+        }
+        let choice = self.adapter.clone().unwrap_or_else(|| AdapterChoice::from_flag(None));
+        let gpu = Gpu::open(&choice, &Needs::default());
+        gpu.map(Some).map_err(|error| self.fault("tissue.device", error))
+    }
+
+    /// When the level changes, and to which.
+    pub(super) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, ScenarioError> {
+        let mut changes: Vec<(f64, Level)> = Vec::new();
+        for (at, change) in self.run.change.iter().enumerate() {
+            let key = format!("run.change[{at}].at_s");
+            let at_s = self.number(
+                key.as_str(),
+                change.at_s,
+                |at_s| self.during(timing, at_s),
+                "a time within the run, s",
+            )?;
+            if let Some((before, _)) = changes
+                .last()
+                .filter(|(before, _)| timing.step_at(*before) >= timing.step_at(at_s))
+            {
+                let found = format!("a change at {at_s} s after one at {before} s");
+                return Err(self.wrong_keys(key, found, "ascending times, in a step each"));
+            }
+            changes.push((at_s, change.level.into()));
+        }
+        Ok(changes)
+    }
+}
