@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
+use super::path::Path;
 use super::shape::{norm, sub};
 use super::tissue::{OUTSIDE, Tissue};
 
@@ -47,7 +48,8 @@ struct State {
 
 /// A bisection, what its elements hold, and the elements in the order in which they are to be halved.
 #[derive(Clone)]
-pub(super) struct Refinement {
+pub(super) struct Refinement<'a> {
+    path: &'a Path,
     pub mesh: Bisection,
     states: Vec<State>,
     queue: BinaryHeap<Entry>,
@@ -58,10 +60,11 @@ pub(super) struct Refinement {
     max_edge: f64,
 }
 
-impl Refinement {
+impl<'a> Refinement<'a> {
     /// Starts from a mesh. `max_edge_mm` is the longest edge of an element with tissue in it.
-    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, max_edge_mm: f64) -> Self {
+    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, path: &'a Path, max_edge_mm: f64) -> Self {
         let mut refinement = Refinement {
+            path,
             kept: vec![0; mesh.nodes.len()],
             states: Vec::new(),
             queue: BinaryHeap::new(),
@@ -167,6 +170,12 @@ impl Refinement {
         } else {
             contents.impurity()
         };
-        impurity + BULK * tissue
+        let grade = self.path.grade(corners).powi(3);
+        let bulk = BULK + (env("BULK", 0.3) - BULK).max(0.0) * self.path.near(grade);
+        (impurity + bulk * tissue) / grade
     }
+}
+
+pub(super) fn env(key: &str, usual: f64) -> f64 {
+    std::env::var(key).ok().and_then(|x| x.parse().ok()).unwrap_or(usual)
 }
