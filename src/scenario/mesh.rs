@@ -10,7 +10,7 @@ use super::cut;
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
-use super::tissue::DEFAULT_NODES;
+use super::tissue::{DEFAULT_NODES, TissueModel};
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
 use crate::mechanics::mesh::quality::Quality;
@@ -138,12 +138,18 @@ impl ScenarioFile {
             .collect();
         let options = GenerateOptions {
             path: &pieces,
-            along_path: self.tissue.along_path.unwrap_or(true),
+            along_path: self.along_path(),
             ..GenerateOptions::default()
         };
         let made = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
         notes.push(along::in_words(&made.report, options.along_path));
         Ok(made.mesh)
+    }
+
+    /// Whether elements are finer along the needle's path.
+    fn along_path(&self) -> bool {
+        let usual = self.tissue.model == TissueModel::FiniteElement;
+        self.tissue.along_path.unwrap_or(usual)
     }
 
     /// Numbers of the labels that are left out.

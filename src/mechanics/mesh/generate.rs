@@ -13,6 +13,9 @@
 //! angle of the result is the one that the fit keeps to: [`GenerateOptions::min_dihedral_deg`], or that of the refinement
 //! where the cells are far from cubes. No element is inverted, and parts of the mesh that touch do so in faces.
 //!
+//! Along a path elements are finer ([`GenerateOptions::along_path`]): what refinement goes by is divided by the volume that an
+//! element may have at its distance from it.
+//!
 //! The same input gives the same mesh, whatever the number of threads.
 
 mod assign;
@@ -51,6 +54,11 @@ pub const NEAR_MM: f64 = 20.0;
 /// Distance from the path at which elements along it are twice as long as on it, mm.
 pub const GRADING_MM: f64 = 10.0;
 
+/// Longest edge of the elements within [`GRADING_MM`] of the path, as far as the nodes suffice, mm; shorter only where all elements
+/// are. It is the length over which tissue takes the force of a needle's tip: a force at a point of linear tissue dents it without
+/// a limit as elements shrink.
+pub const PATH_EDGE_MM: f64 = 5.0;
+
 /// A labelled volume, as far as it matters here.
 #[derive(Clone, Copy, Debug)]
 pub struct LabelGrid<'a> {
@@ -76,8 +84,8 @@ pub struct GenerateOptions<'a> {
     pub max_edge_mm: Option<f64>,
     /// Segments of the path of a needle, in the world, mm: what of them lies in tissue counts. Default: none.
     pub path: &'a [[[f64; 3]; 2]],
-    /// Whether elements are finer along the path: their edges grow by those on it for each [`GRADING_MM`] away from it.
-    /// Default: they are not.
+    /// Whether elements are finer along the path: down to [`PATH_EDGE_MM`] near it, and growing by as much for each
+    /// [`GRADING_MM`] away from it. Default: they are not.
     pub along_path: bool,
 }
 

@@ -34,6 +34,13 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             12,
             "mass-spring",
         ),
+        (
+            "nodes = 250",
+            "model = \"mass-spring\"\nalong_path = true",
+            13,
+            "mass-spring",
+        ),
+        ("nodes = 250", "mesh = \"a.vtu\"\nalong_path = true", 12, "with `mesh`"),
         ("40], [inf", "400], [inf", 13, "no node in this box"),
         (
             "\"phantom_inclusion\"",

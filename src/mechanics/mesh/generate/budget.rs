@@ -46,7 +46,7 @@ pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
 /// The lattice over a box of tissue whose low corner is the origin: cells as near to cubes as fill it exactly, but for a box
 /// far thinner than a cell, which lies in the middle of one layer.
 fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
-    let points = nodes as f64 / super::refine::env("REFINEMENT", REFINEMENT);
+    let points = nodes as f64 / REFINEMENT;
     let cells = |edge: f64| extent.map(|length| (length / edge).round().max(1.0));
     let count = |edge: f64| cells(edge).iter().map(|n| n + 1.0).product::<f64>();
     let longest = extent.iter().fold(0.0f64, |a, b| a.max(*b));
@@ -93,7 +93,7 @@ pub(super) fn within(
     progress: &mut impl FnMut(f32),
 ) -> Result<Option<Generated>, GenerateError> {
     let limits = Limits::new(options.min_dihedral_deg);
-    let path = Path::new(options.path, options.along_path, tissue);
+    let path = Path::new(options, nodes, tissue);
     let mut aim = (FIRST_AIM * nodes as f64).ceil() as usize;
     for _ in 0..AIMS {
         let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &path, &limits, progress)? else {

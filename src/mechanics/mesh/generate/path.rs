@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::contents::Sampler;
 use super::draft::Draft;
 use super::tissue::{OUTSIDE, Tissue};
-use super::{GRADING_MM, NEAR_MM};
+use super::{GRADING_MM, GenerateOptions, NEAR_MM, PATH_EDGE_MM};
 
 /// Length of the steps in which a segment is looked for tissue, as a share of a voxel's edge.
 const STEP: f64 = 0.5;
@@ -16,13 +16,15 @@ const MOST_STEPS: f64 = 1e5;
 pub(super) struct Path {
     segments: Vec<[Vector3<f64>; 2]>,
     is_graded: bool,
+    /// Longest edge of an element near the path that is fine enough, mm.
+    pub edge_mm: f64,
 }
 
 impl Path {
     /// Each segment from where it first meets tissue to where it last does; each once, whatever its direction.
-    pub fn new(path: &[[[f64; 3]; 2]], is_graded: bool, tissue: &Tissue) -> Self {
+    pub fn new(options: &GenerateOptions, nodes: usize, tissue: &Tissue) -> Self {
         let mut segments: Vec<[Vector3<f64>; 2]> = Vec::new();
-        for ends in path {
+        for ends in options.path {
             let [a, b] = ends.map(|end| tissue.to_frame(end));
             let steps = (b - a).norm() / (STEP * tissue.voxel_mm3.cbrt());
             let steps = steps.ceil().clamp(1.0, MOST_STEPS) as u32;
@@ -39,24 +41,21 @@ impl Path {
                 segments.push(segment);
             }
         }
-        Path { segments, is_graded }
+        // The diagonal of a cell of an even mesh: along the path it is no coarser.
+        let even = (tissue.volumes.iter().sum::<f64>() / nodes as f64).cbrt() * 3f64.sqrt();
+        Path {
+            is_graded: options.along_path && !segments.is_empty(),
+            edge_mm: PATH_EDGE_MM.min(even),
+            segments,
+        }
     }
 
-    /// How much longer the edges of an element with these corners may be than on the path: 1 or more.
-    pub fn grade(&self, corners: &[[f64; 3]; 4]) -> f64 {
-        if !self.is_graded || self.segments.is_empty() {
-            return 1.0;
-        }
+    /// How much longer the edges of an element with these corners may be than on the path: 1 or more; none where no path grades
+    /// the mesh.
+    pub fn grade(&self, corners: &[[f64; 3]; 4]) -> Option<f64> {
         let (middle, radius) = ball(corners);
-        1.0 + (self.distance(&middle) - radius).max(0.0) / super::refine::env("GRADE", GRADING_MM)
-    }
-
-    pub fn near(&self, grade: f64) -> f64 {
-        if self.is_graded && !self.segments.is_empty() {
-            1.0 / grade
-        } else {
-            0.0
-        }
+        let away = || (self.distance(&middle) - radius).max(0.0);
+        self.is_graded.then(|| 1.0 + away() / GRADING_MM)
     }
 
     /// Distance of a point of the frame, mm; infinite where the path meets no tissue.

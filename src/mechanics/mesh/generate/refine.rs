@@ -12,6 +12,8 @@ use super::tissue::{OUTSIDE, Tissue};
 /// Share of the tissue in an element that counts as impure whatever it is: pure elements are halved too once they are some
 /// thirty times as large as those of interfaces, so the bulk is graded and can bend.
 const BULK: f64 = 0.01;
+/// The same on the path: there pure elements are almost as fine as those of interfaces.
+const PATH_BULK: f64 = 0.3;
 /// Most nodes of all elements for each that is wanted: where tissue is so thin that hardly an element is mostly tissue,
 /// refinement must end for lack of room.
 const SURROUNDINGS: usize = 8;
@@ -49,8 +51,8 @@ struct State {
 /// A bisection, what its elements hold, and the elements in the order in which they are to be halved.
 #[derive(Clone)]
 pub(super) struct Refinement<'a> {
-    path: &'a Path,
     pub mesh: Bisection,
+    path: &'a Path,
     states: Vec<State>,
     queue: BinaryHeap<Entry>,
     /// Elements around each node that are mostly tissue.
@@ -170,12 +172,11 @@ impl<'a> Refinement<'a> {
         } else {
             contents.impurity()
         };
-        let grade = self.path.grade(corners).powi(3);
-        let bulk = BULK + (env("BULK", 0.3) - BULK).max(0.0) * self.path.near(grade);
-        (impurity + bulk * tissue) / grade
+        let (bulk, grade) = match self.path.grade(corners) {
+            None => (BULK, 1.0),
+            Some(grade) if grade < 2.0 && longest <= self.path.edge_mm => return 0.0,
+            Some(grade) => (BULK + (PATH_BULK - BULK) / grade, grade),
+        };
+        (impurity + bulk * tissue) / grade.powi(3)
     }
-}
-
-pub(super) fn env(key: &str, usual: f64) -> f64 {
-    std::env::var(key).ok().and_then(|x| x.parse().ok()).unwrap_or(usual)
 }
