@@ -37,7 +37,7 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
         (
             "nodes = 250",
             "model = \"mass-spring\"\nalong_path = true",
-            13,
+            12,
             "mass-spring",
         ),
         ("nodes = 250", "mesh = \"a.vtu\"\nalong_path = true", 12, "with `mesh`"),
