@@ -27,6 +27,7 @@
 //! ```
 
 mod aim;
+mod along;
 mod carried;
 mod clearance;
 mod cut;

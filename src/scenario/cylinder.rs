@@ -67,6 +67,7 @@ impl ScenarioFile {
             ("mesh", spec.mesh.is_some()),
             ("region_array", spec.region_array.is_some()),
             ("nodes", spec.nodes.is_some()),
+            ("along_path", spec.along_path.is_some()),
             ("box_mm", spec.box_mm.is_some()),
             ("fix", !spec.fix.is_empty()),
         ];

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::along;
 use super::cut;
 use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
-use super::tissue::DEFAULT_NODES;
+use super::tissue::{DEFAULT_NODES, TissueModel};
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
 use crate::mechanics::mesh::quality::Quality;
@@ -19,6 +20,7 @@ use crate::mechanics::tissue::rigid::{self, FreePart, RigidError};
 use crate::scene::Scene;
 use crate::scene::deform::NODES;
 use crate::statics::selection::{Choice, Odd, axes, ordered};
+use crate::tracking::trajectory::Trajectory;
 use crate::volume::LabelVolume;
 
 /// A part of the mesh that nothing holds is held by itself where it has at most this share of the nodes: crumbs that a
@@ -37,16 +39,18 @@ impl ScenarioFile {
         &self,
         scene: &Scene,
         base: &Path,
+        path: &Trajectory,
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Meshed, ScenarioError> {
         let spec = &self.tissue;
         let meshed = match &spec.mesh {
-            Some(path) => {
+            Some(file) => {
                 let made = [
                     ("nodes", spec.nodes.is_some()),
                     ("box_mm", spec.box_mm.is_some()),
+                    ("along_path", spec.along_path.is_some()),
                     ("outside", !spec.outside.is_empty()),
                 ];
                 if let Some((key, _)) = made.iter().find(|(_, given)| *given) {
@@ -62,7 +66,7 @@ impl ScenarioFile {
                     unit: spec.mesh_unit,
                     ..ReadOptions::default()
                 };
-                let read = read_mesh(&base.join(path), &options).map_err(|error| self.fault("tissue.mesh", error))?;
+                let read = read_mesh(&base.join(file), &options).map_err(|error| self.fault("tissue.mesh", error))?;
                 warnings.extend(read.warnings);
                 Meshed {
                     mesh: read.mesh,
@@ -75,7 +79,7 @@ impl ScenarioFile {
                     return Err(self.wrong_keys("tissue.region_array", found, "a mesh file that has the array"));
                 }
                 Meshed {
-                    mesh: self.generated(scene, progress, notes)?,
+                    mesh: self.generated(scene, path, progress, notes)?,
                     names: BTreeMap::new(),
                 }
             }
@@ -88,6 +92,7 @@ impl ScenarioFile {
     fn generated(
         &self,
         scene: &Scene,
+        path: &Trajectory,
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
     ) -> Result<TetMesh, ScenarioError> {
@@ -127,13 +132,24 @@ impl ScenarioFile {
         } else {
             "tissue"
         };
-        let made = generate(&grid, nodes as usize, &GenerateOptions::default(), progress)
-            .map_err(|error| self.fault(key, error))?;
-        notes.push(format!(
-            "mesh: {} nodes, {} tetrahedra, {:.0} % of the tissue in another region than its own",
-            made.report.nodes, made.report.elements, made.report.mislabelled_percent
-        ));
+        let pieces: Vec<_> = along::pieces(path)
+            .into_iter()
+            .map(|piece| piece.map(Into::into))
+            .collect();
+        let options = GenerateOptions {
+            path: &pieces,
+            along_path: self.along_path(),
+            ..GenerateOptions::default()
+        };
+        let made = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
+        notes.push(along::in_words(&made.report, options.along_path));
         Ok(made.mesh)
+    }
+
+    /// Whether elements are finer along the needle's path.
+    fn along_path(&self) -> bool {
+        let usual = self.tissue.model == TissueModel::FiniteElement;
+        self.tissue.along_path.unwrap_or(usual)
     }
 
     /// Numbers of the labels that are left out.

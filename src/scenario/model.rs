@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
-
+use super::along;
 use super::error::{ScenarioError, Wrong};
 use super::needle::Bending;
 use super::resolve::Scenario;
@@ -16,8 +15,6 @@ use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Need
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
-/// Pieces of the needle's path that are looked at ahead, mm: shorter ones are taken together.
-const PIECE_MM: f64 = 2.0;
 /// A needle of 18 gauge strays so far from its path in the tissue at rest, and tissue under a probe as far, mm.
 const ASIDE_MM: f64 = 5.0;
 
@@ -128,19 +125,10 @@ impl Scenario {
 
     /// Fetches ahead what remeshing along the needle's path will read, so that no step waits for it.
     fn look_ahead(&self, finite: &mut Finite) {
-        let mut from: Option<Point3<f64>> = None;
-        for key in self.path.tip().keys() {
-            let to = key.pose.position_mm();
-            let Some(start) = from else {
-                from = Some(to);
-                continue;
-            };
-            let along = to - start;
+        for [from, to] in along::pieces(self.path.tip()) {
+            let along = to - from;
             let length = along.norm();
-            if length >= PIECE_MM {
-                finite.prefetch(&start, &(along / length), length, ASIDE_MM);
-                from = Some(to);
-            }
+            finite.prefetch(&from, &(along / length), length, ASIDE_MM);
         }
     }
 }

@@ -26,6 +26,7 @@ use crate::mechanics::tissue::remesh::Level;
 use crate::quality::QualitySpec;
 use crate::scene::Scene;
 use crate::tracking::needle::NeedlePath;
+use crate::tracking::trajectory::Trajectory;
 
 /// Most steps of a run: hours of simulated time at a millisecond each.
 const MOST_STEPS: f64 = 1e7;
@@ -214,7 +215,7 @@ impl ScenarioFile {
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
-            None => file.elements_of(&scene, base_dir, progress, &mut notes, &mut warnings)?,
+            None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
         };
         warnings.extend(unmeshed(
             &scene,
@@ -287,11 +288,12 @@ impl ScenarioFile {
         &self,
         scene: &Scene,
         base_dir: &Path,
+        path: &Trajectory,
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Made, ScenarioError> {
-        let meshed = self.mesh(scene, base_dir, progress, notes, warnings)?;
+        let meshed = self.mesh(scene, base_dir, path, progress, notes, warnings)?;
         let regions = Regions::new(self, scene, &meshed.names);
         let mut present = meshed.mesh.regions().to_vec();
         if self.tissue.mesh.is_none() {

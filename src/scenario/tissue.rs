@@ -32,6 +32,9 @@ pub struct TissueSpec {
     pub nodes: Option<u32>,
     /// The part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
     pub box_mm: Option<[[f64; 3]; 2]>,
+    /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true of
+    /// `finite-element`, false of the other models.
+    pub along_path: Option<bool>,
     /// Labels that are left out of the mesh, such as gel or air: names or values.
     pub outside: Vec<RegionName>,
     /// How much of the compliance follows each change of the mesh (finite elements). Default `exact`.

@@ -37,6 +37,7 @@ fn tissue(level: Level, precision: Precision) -> Setup {
                 ..Interaction::default()
             },
         )],
+        anatomy: None,
         needle: Box::new(Rigid::new(Shaft::default(), None).unwrap()),
         probe: None,
         level,

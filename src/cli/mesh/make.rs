@@ -136,6 +136,7 @@ impl Make {
         let options = GenerateOptions {
             min_dihedral_deg: self.min_dihedral_deg,
             max_edge_mm: self.max_edge_mm,
+            ..GenerateOptions::default()
         };
         let start = Instant::now();
         let bar = terminal::share();

@@ -93,3 +93,24 @@ fn a_probe_finds_the_nodes_that_it_can_touch() {
     assert!((probe * Point3::origin() - Point3::new(0.0, 26.0, 50.0)).norm() < 1e-9);
     assert!((probe * Vector3::z() - Vector3::z()).norm() < 1e-9);
 }
+
+#[test]
+fn the_mesh_is_finer_along_the_path_unless_the_file_says_no() {
+    let fine = BLOCK.replace("nodes = 250", "nodes = 600");
+    let even = fine.replace("nodes = 600", "nodes = 600\nalong_path = false");
+    let [fine, even] = [&fine, &even].map(|text| resolved(text).expect("a scenario"));
+    let near = |scenario: &crate::scenario::Scenario| {
+        let nodes = scenario.mesh.nodes().iter();
+        nodes.filter(|at| at[0].hypot(at[1]) < 12.0 && at[2] < -20.0).count()
+    };
+    assert!(near(&fine) > 2 * near(&even), "{} and {}", near(&fine), near(&even));
+    let told = |scenario: &crate::scenario::Scenario, words: &str| {
+        let notes = scenario.notes.iter();
+        notes
+            .clone()
+            .any(|note| note.starts_with("mesh: ") && note.contains(words))
+    };
+    assert!(told(&fine, ", finer along the needle's path; "), "{:?}", fine.notes);
+    assert!(told(&even, "no finer along the needle's path; "), "{:?}", even.notes);
+    assert!(told(&even, "within 20 mm of the path"), "{:?}", even.notes);
+}

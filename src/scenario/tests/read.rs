@@ -62,6 +62,13 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             "ascending times",
         ),
         ("dt_ms = 10", "change = [{ at_s = 1 }]", 3, "missing field `level`"),
+        (
+            "nodes = 250",
+            "model = \"mass-spring\"\nalong_path = true",
+            12,
+            "mass-spring",
+        ),
+        ("nodes = 250", "mesh = \"a.vtu\"\nalong_path = true", 12, "with `mesh`"),
         ("40], [inf", "400], [inf", 13, "no node in this box"),
         (
             "\"phantom_inclusion\"",

@@ -4,6 +4,7 @@ use super::assign::{self, Limits};
 use super::bisection::{Bisection, Lattice};
 use super::contents::Sampler;
 use super::draft::Draft;
+use super::path::Path;
 use super::refine::{End, Refinement};
 use super::tissue::Tissue;
 use super::{GenerateError, GenerateOptions, Generated, MOST_NODES, ROUNDS, finish, fit, smooth};
@@ -92,9 +93,10 @@ pub(super) fn within(
     progress: &mut impl FnMut(f32),
 ) -> Result<Option<Generated>, GenerateError> {
     let limits = Limits::new(options.min_dihedral_deg);
+    let path = Path::new(options, nodes, tissue);
     let mut aim = (FIRST_AIM * nodes as f64).ceil() as usize;
     for _ in 0..AIMS {
-        let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &limits, progress)? else {
+        let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &path, &limits, progress)? else {
             return Ok(None);
         };
         for round in 0..ROUNDS {
@@ -116,7 +118,7 @@ pub(super) fn within(
             return Ok(None);
         }
         if kept <= nodes {
-            return finish::finish(&draft, tissue).map(Some);
+            return finish::finish(&draft, tissue, &path, sampler).map(Some);
         }
         let fitting = MARGIN * aim as f64 * nodes as f64 / kept as f64;
         aim = (fitting as usize).min(aim.saturating_sub(1));
@@ -131,6 +133,7 @@ fn refined(
     nodes: usize,
     aim: usize,
     options: &GenerateOptions,
+    path: &Path,
     limits: &Limits,
     progress: &mut impl FnMut(f32),
 ) -> Result<Option<Draft>, GenerateError> {
@@ -140,6 +143,7 @@ fn refined(
             Bisection::new(&lattice(tissue.extent, nodes)),
             tissue,
             sampler,
+            path,
             max_edge,
         )
     };

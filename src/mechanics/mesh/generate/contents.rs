@@ -99,13 +99,18 @@ impl Sampler {
         self.work.load(Ordering::Relaxed)
     }
 
-    /// What the element with these corners holds.
-    pub fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
-        let volume = six_volumes(corners).abs() / 6.0;
+    /// The points of an element of this volume (mm^3), in barycentric coordinates.
+    pub fn lattice(&self, tissue: &Tissue, volume: f64) -> &[[f64; 4]] {
         let wanted = DENSITY * volume / tissue.voxel_mm3;
         let last = &self.lattices[self.lattices.len() - 1];
         let fitting = self.lattices.iter().find(|lattice| lattice.len() as f64 >= wanted);
-        let lattice = fitting.unwrap_or(last);
+        fitting.unwrap_or(last)
+    }
+
+    /// What the element with these corners holds.
+    pub fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
+        let volume = six_volumes(corners).abs() / 6.0;
+        let lattice = self.lattice(tissue, volume);
         self.work.fetch_add(lattice.len() as u64 + WORK, Ordering::Relaxed);
         let at = corners.map(|corner| tissue.index_of(corner));
         let mut counts = [0u16; 256];

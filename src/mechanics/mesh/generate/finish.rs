@@ -1,13 +1,20 @@
 //! The draft without what lies outside, in the world, and its figures.
 
+use super::contents::Sampler;
 use super::draft::Draft;
+use super::path::Path;
 use super::tissue::{OUTSIDE, Tissue};
 use super::{GenerateError, GenerateReport, Generated, RegionVolume};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::mesh::{NONE, TetMesh};
 
 /// The mesh of the elements that are kept. Nodes are numbered in the order in which elements name them.
-pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, GenerateError> {
+pub(super) fn finish(
+    draft: &Draft,
+    tissue: &Tissue,
+    path: &Path,
+    sampler: &Sampler,
+) -> Result<Generated, GenerateError> {
     let mut numbers = vec![NONE; draft.nodes.len()];
     let (mut nodes, mut elements, mut regions) = (Vec::new(), Vec::new(), Vec::new());
     for element in draft.kept() {
@@ -35,6 +42,7 @@ pub(super) fn finish(draft: &Draft, tissue: &Tissue) -> Result<Generated, Genera
         max_jacobian_condition: quality.condition.max,
         regions: volumes(draft, tissue),
         mislabelled_percent: mislabelled_percent(draft, tissue),
+        near_mislabelled_percent: path.mislabelled_percent(draft, tissue, sampler),
     };
     Ok(Generated { mesh, report })
 }

@@ -5,12 +5,15 @@ use std::collections::BinaryHeap;
 
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
+use super::path::Path;
 use super::shape::{norm, sub};
 use super::tissue::{OUTSIDE, Tissue};
 
 /// Share of the tissue in an element that counts as impure whatever it is: pure elements are halved too once they are some
 /// thirty times as large as those of interfaces, so the bulk is graded and can bend.
 const BULK: f64 = 0.01;
+/// The same on the path: there pure elements are almost as fine as those of interfaces.
+const PATH_BULK: f64 = 0.3;
 /// Most nodes of all elements for each that is wanted: where tissue is so thin that hardly an element is mostly tissue,
 /// refinement must end for lack of room.
 const SURROUNDINGS: usize = 8;
@@ -47,8 +50,9 @@ struct State {
 
 /// A bisection, what its elements hold, and the elements in the order in which they are to be halved.
 #[derive(Clone)]
-pub(super) struct Refinement {
+pub(super) struct Refinement<'a> {
     pub mesh: Bisection,
+    path: &'a Path,
     states: Vec<State>,
     queue: BinaryHeap<Entry>,
     /// Elements around each node that are mostly tissue.
@@ -58,10 +62,11 @@ pub(super) struct Refinement {
     max_edge: f64,
 }
 
-impl Refinement {
+impl<'a> Refinement<'a> {
     /// Starts from a mesh. `max_edge_mm` is the longest edge of an element with tissue in it.
-    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, max_edge_mm: f64) -> Self {
+    pub fn new(mesh: Bisection, tissue: &Tissue, sampler: &Sampler, path: &'a Path, max_edge_mm: f64) -> Self {
         let mut refinement = Refinement {
+            path,
             kept: vec![0; mesh.nodes.len()],
             states: Vec::new(),
             queue: BinaryHeap::new(),
@@ -167,6 +172,11 @@ impl Refinement {
         } else {
             contents.impurity()
         };
-        impurity + BULK * tissue
+        let (bulk, grade) = match self.path.grade(corners) {
+            None => (BULK, 1.0),
+            Some(grade) if grade < 2.0 && longest <= self.path.edge_mm => return 0.0,
+            Some(grade) => (BULK + (PATH_BULK - BULK) / grade, grade),
+        };
+        (impurity + bulk * tissue) / grade.powi(3)
     }
 }

@@ -1,5 +1,6 @@
 //! Meshes of made-up volumes: what must hold of every one ([`sound`]), and how near they come to what was meshed.
 
+mod along;
 mod refused;
 mod shapes;
 mod work;

@@ -159,6 +159,11 @@ impl<'a> Tissue<'a> {
         self.class_of[usize::from(self.voxels[i + nx * (j + ny * k)])]
     }
 
+    /// A point of the world in the frame, mm.
+    pub fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
+        self.axes.transpose() * (Vector3::from(point) - self.origin)
+    }
+
     /// A point of the frame in the world, mm.
     pub fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
         (self.axes * Vector3::from(point) + self.origin).into()

@@ -287,6 +287,7 @@ fn angles_are_as_asked() {
         let options = GenerateOptions {
             min_dihedral_deg,
             max_edge_mm: None,
+            ..GenerateOptions::default()
         };
         let generated = generate(&volume.grid(), 1000, &options, |_| {}).expect("a mesh");
         volume.check(&generated, 1000, min_dihedral_deg);
