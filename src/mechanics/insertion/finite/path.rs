@@ -83,18 +83,18 @@ impl Finite {
             return false;
         };
         let at_rest = self.point_at(&place);
-        let before = std::mem::replace(&mut self.tip.reference, at_rest);
-        let region = self.anatomy.region(&self.tip.reference);
         if self.entry.is_none() {
-            if region.is_some() {
+            self.tip.reference = at_rest;
+            if self.anatomy.region(&at_rest).is_some() {
                 return self.pierce(&place);
             }
             self.be_outside();
             return false;
         }
+        let before = self.tip.reference;
+        let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
         self.lay_path(&before);
-        self.cross(region);
         let Some(region) = self.tip.region else {
             self.be_outside();
             return false;
@@ -124,21 +124,39 @@ impl Finite {
         self.leave_bare();
     }
 
-    /// Notes the region that the tip has come into. Near the last border another one does not count, so that a tip that wanders along a
-    /// border does not cross it again and again; bone always does.
-    fn cross(&mut self, region: Option<i32>) {
+    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface that holds it: tissue
+    /// that springs back as a surface breaks comes to rest there.
+    fn pass(&mut self, before: &Point3<f64>, at_rest: &Point3<f64>, place: Place) -> Place {
+        let pieces = ((at_rest - before).norm() / SAMPLE_MM).ceil();
+        for piece in 1..pieces as usize {
+            self.tip.reference = before + (at_rest - before) * (piece as f64 / pieces);
+            if self.cross()
+                && let Some(held) = self.walk_at_rest(&self.tip.reference, place.element)
+            {
+                return held;
+            }
+        }
+        self.tip.reference = *at_rest;
+        self.cross();
+        place
+    }
+
+    /// Notes the region that the tip has come into; whether its surface holds. Near the last border another one does not count, so that a
+    /// tip that wanders along a border does not cross it again and again; bone always does.
+    fn cross(&mut self) -> bool {
+        let region = self.anatomy.region(&self.tip.reference);
         let same = region == self.tip.region;
         let of = interaction(self.anatomy.as_ref(), region);
         let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none();
         if same || near {
-            return;
+            return false;
         }
         (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
-        if let Some(region) = region {
-            let tip = self.line.tip();
-            self.note(EventKind::Region, tip, Some(region));
-            self.meet_surface(region);
-        }
+        let Some(region) = region else { return false };
+        let tip = self.line.tip();
+        self.note(EventKind::Region, tip, Some(region));
+        self.meet_surface(region);
+        self.tip.surface.is_some()
     }
 
     /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
