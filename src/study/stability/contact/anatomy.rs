@@ -122,7 +122,12 @@ pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut watch = Watch::default();
     for (at, from) in places.into_iter().enumerate() {
         record.done(at as f64 / places.len() as f64);
-        let mut model = finite(Slab::level(from, 1.0, [SOFT, TOUGH]), 10.0)?;
+        // Without friction the hand feels the tip alone.
+        let smooth = |of: Interaction| Interaction {
+            friction_n_per_mm: 0.0,
+            ..of
+        };
+        let mut model = finite(Slab::level(from, 1.0, [SOFT, TOUGH].map(smooth)), 10.0)?;
         let (mut before, mut broken) = ((0.0, 0.0), Vec::new());
         let seen = push(model.as_mut(), &Vector3::z(), 40.0, |outcome| {
             if count(outcome, EventKind::Puncture) > 0 {
@@ -221,17 +226,20 @@ pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("finite elements", finite(slab, 10.0)?),
         ("masses and springs", springs(slab)?),
     ] {
-        let (mut met, mut deepest, mut most) = (0, 0.0f64, 0.0f64);
+        let (mut met, mut at, mut deepest, mut most) = (0, f64::INFINITY, 0.0f64, 0.0f64);
         let watch = push(model.as_mut(), &Vector3::z(), 60.0, |outcome| {
-            met += count(outcome, EventKind::Bone);
-            deepest = deepest.max(outcome.tip_mm.z);
-            most = largest([most, resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm]);
+            if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Bone) {
+                (met, at) = (met + 1, event.at_mm.z);
+            }
+            deepest = deepest.max(outcome.tip_mm.z - at);
+            let soft = SOFT.friction_n_per_mm * outcome.inserted_mm + SOFT.cutting_n;
+            most = most.max(resistance(outcome) - soft);
         })?;
         watch.write(record, name);
         record.zero(format!("times that bone is met, beyond once, {name}"), met as f64 - 1.0);
         record.under(
             format!("depth along the needle, mm, {name}"),
-            deepest - 30.0,
+            deepest,
             BONE.penetration_mm + 0.1,
         );
         let limit = BONE.stiffness_n_per_mm * BONE.penetration_mm;
