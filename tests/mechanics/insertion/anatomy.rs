@@ -94,7 +94,9 @@ fn layers_break_where_they_lie_at_any_mesh() {
             .windows(2)
             .filter(|pair| pair[1].events.iter().any(|event| event.kind == Puncture));
         for (place, force) in [(0.0, 2.0), (17.3, 1.2), (31.0, 0.8)] {
-            let [before, after] = broken.next().expect("a puncture") else { unreachable!("pairs") };
+            let [before, after] = broken.next().expect("a puncture") else {
+                unreachable!("pairs")
+            };
             let at_rest = before.tip_at_rest_mm.expect("a tip in tissue").z;
             assert!(
                 (at_rest - place).abs() < 0.1,
