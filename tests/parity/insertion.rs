@@ -13,10 +13,9 @@ use crate::support::gpu::gpu_or_skip;
 
 /// Steps in, and as many out.
 const WAY: usize = 150;
-/// The farthest that forces in f32 may be from those in f64, over the largest force. Levels are kept to a residual of 1e-2 in f32
-/// (`Options::residual_single`): that of each force which holds unit displacements, of which some ten errors of either sign add up. A
-/// model of such a block is far below.
-const ALLOWED: f64 = 1e-2;
+/// The farthest that forces in f32 may be from those in f64, over the largest force. Entries of the inverse are rounded to 6e-8 of
+/// themselves; updates and the equations of the needle may make a hundred times as much of that. Forces of two levels are 1e-4 apart.
+const ALLOWED: f64 = 1e-5;
 /// And those of two implementations in f32 from each other.
 const ALIKE: f64 = 2.0 * ALLOWED;
 
@@ -86,7 +85,7 @@ fn a_whole_insertion_has_the_forces_of_the_cpu() {
         let cpu = driven(Finite::new(single(), |_, _| {}).unwrap());
         let largest = double.iter().map(|it| it.on_hand.force_n.norm()).fold(0.0, f64::max);
         let remeshes: usize = double.iter().map(|it| it.remeshes).sum();
-        assert!(largest > 1.0 && remeshes >= 10, "{largest} N, {remeshes} remeshes");
+        assert!(largest > 1.0 && remeshes >= 8, "{largest} N, {remeshes} remeshes");
         let check = |what: &str, (far, step): (f64, usize), allowed: f64| {
             println!("level {level}, {what}: {far:e} N of {largest} N at step {step}");
             assert!(

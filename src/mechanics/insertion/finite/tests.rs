@@ -118,7 +118,10 @@ fn the_level_changes_with_the_needle_in() {
         cutting_n: 0.5,
         ..Interaction::default()
     };
-    let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
+    let mut settled = setup(interaction, Level::Exact);
+    // Forces come to rest so closely that what is left of a jump is rounding.
+    settled.options.tolerance_mm = 1e-12;
+    let mut finite = Finite::new(settled, |_, _| {}).expect("a setup");
     for step in 1..=300 {
         finite.step(&at(0.1 * f64::from(step)), 0.001).expect("a step");
     }
