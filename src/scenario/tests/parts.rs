@@ -39,7 +39,7 @@ fn materials_are_those_of_the_tissues_but_for_what_is_said() {
     };
     assert_eq!(
         [1, 2].map(|region| scenario.materials[of(region)].young_kpa()),
-        [10.0, 60.0]
+        [10.0, 33.0]
     );
     assert!(!scenario.fixed.is_empty());
     let held = scenario
