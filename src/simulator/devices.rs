@@ -209,7 +209,7 @@ impl LateralHold {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HoleError {
     /// A needle changes its hole outside alone.
-    #[error("the needle is {inserted_mm} mm deep in tissue; expected it outside before another hole is chosen")]
+    #[error("the needle is {inserted_mm:.1} mm deep in tissue; expected it outside before another hole is chosen")]
     Inserted {
         /// Depth of the tip, mm.
         inserted_mm: f64,

@@ -64,21 +64,19 @@ fn cell_name(cell_mm: f64) -> String {
     format!("{}", (10.0 * cell_mm).round() / 10.0)
 }
 
-/// Every r of every length on the coarsest mesh, the fitted one on the finer ones too; of a short study the usual length alone.
+/// Every r of every length on every mesh, finer meshes last; of a short study the usual length on the coarsest alone.
 fn cases(sweep: bool) -> Vec<Case> {
     let (lengths, cells) = match sweep {
         true => (&LENGTHS_MM[..], &CELLS_MM[..]),
         false => (&LENGTHS_MM[1..2], &CELLS_MM[..1]),
     };
-    let of_length = |&length_mm: &f64| {
-        let case = move |r_mm, cell_mm| Case {
-            bevel: Bevel { r_mm, length_mm },
-            cell_mm,
-        };
-        let coarse = SWEEP_MM.into_iter().map(move |r_mm| case(r_mm, cells[0]));
-        coarse.chain(cells[1..].iter().map(move |cell_mm| case(FITTED_MM, *cell_mm)))
+    let of_mesh = |&cell_mm: &f64| {
+        let bevels = lengths
+            .iter()
+            .flat_map(|&length_mm| SWEEP_MM.map(|r_mm| Bevel { r_mm, length_mm }));
+        bevels.map(move |bevel| Case { bevel, cell_mm })
     };
-    lengths.iter().flat_map(of_length).collect()
+    cells.iter().flat_map(of_mesh).collect()
 }
 
 pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
@@ -110,7 +108,10 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
             Some((_, before)) if last <= *before => Some("more than with the smaller r is expected".to_owned()),
             _ => None,
         };
-        let coarser = done.iter().rev().find(|(other, _)| other.bevel == case.bevel);
+        let coarser = done
+            .iter()
+            .rev()
+            .find(|(other, _)| other.bevel == case.bevel && r_mm > 0.0);
         let change = coarser.map(|(_, before)| 100.0 * (last - before) / last);
         if let (Some(change), Some((other, _))) = (change.filter(|it| it.abs() > CONVERGED_PERCENT), coarser) {
             notes.push(format!(
