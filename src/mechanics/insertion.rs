@@ -165,7 +165,8 @@ pub trait Model: Send {
     /// What turns snapshots into tissue, for another thread.
     fn imager(&self) -> Box<dyn Imager>;
 
-    /// Changes the level of remeshing; the instruments are where the last step left them. To a level that needs a dense inverse, where
+    /// Changes the level of remeshing. The needle comes to rest at the pose of the last step before and after, so that the jump of the
+    /// force is of the level alone. To a level that needs a dense inverse, where
     /// none was made before, that takes seconds to minutes: not for a haptic loop. States do not hold the level.
     ///
     /// # Errors

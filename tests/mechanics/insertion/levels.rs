@@ -4,7 +4,7 @@ use insonify::mechanics::insertion::{Instruments, Model, Outcome, ProbeContact};
 use insonify::mechanics::tissue::remesh::{Level, Precision};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
-use super::support::{USUAL, build, setup, tip_at};
+use super::support::{USUAL, build, go, setup, tip_at, travel};
 
 /// Needle in, probe towards it, needle half out.
 fn run(level: Level, precision: Precision) -> Vec<Outcome> {
@@ -63,4 +63,53 @@ fn the_exact_level_equals_the_first_and_the_others_come_near() {
         "III {third}, IV {fourth} of {largest}"
     );
     assert!(fourth < largest, "{fourth} of {largest}");
+}
+
+#[test]
+fn the_level_changes_with_the_needle_in() {
+    let new = || {
+        let mut setup = setup(USUAL);
+        // Forces come to rest so closely that what is left of a jump is rounding.
+        setup.options.tolerance_mm = 1e-12;
+        build(setup)
+    };
+    let mut finite = new();
+    travel(&mut finite, 0.0, 30.0, 0.1);
+    assert!(finite.held() > 0);
+    // A step acts on the tip where the one before has found it: held in place, they come to rest.
+    let before = [0; 10].map(|_| go(&mut finite, 30.0).on_hand)[9];
+    assert!(before.force_n.norm() > 0.5, "{before:?}");
+    let mut from = Level::Exact;
+    for to in [Level::I, Level::III, Level::IV, Level::II, Level::Exact] {
+        let change = finite.set_level(to).expect("a level");
+        assert_eq!((change.from, change.to), (from, to));
+        assert_eq!(finite.adaptation().remesher().level(), to);
+        // The mesh has not changed since level I, so all are current.
+        assert!(
+            change.force_jump_n < 1e-9 && change.compliance_change < 1e-9,
+            "{change:?}"
+        );
+        from = to;
+    }
+    let after = finite.outcome().on_hand;
+    assert!((after.force_n - before.force_n).norm() < 1e-9, "{before:?} {after:?}");
+    assert!(
+        (after.torque_nmm - before.torque_nmm).norm() < 1e-6,
+        "{before:?} {after:?}"
+    );
+
+    // Level IV leaves what remeshing changes; at the exact level it is there again, as in a model that was always at it.
+    finite.set_level(Level::IV).expect("a level");
+    travel(&mut finite, 30.0, 50.0, 0.1);
+    let change = finite.set_level(Level::Exact).expect("a level");
+    assert!(
+        change.compliance_change > 1e-3 && change.force_jump_n > 1e-4,
+        "{change:?}"
+    );
+    let mut other = new();
+    other.restore(&finite.save()).expect("a state");
+    let [own, expected] = [&finite, &other].map(|finite| finite.adaptation().remesher().condensed());
+    assert!((own - expected).norm_max() < 1e-9 * expected.norm_max());
+    let again = finite.set_level(Level::Exact).expect("the same");
+    assert!(again.force_jump_n < 1e-9, "{again:?}");
 }
