@@ -190,7 +190,12 @@ fn a_needle_that_cannot_enter_bows_at_eulers_load() {
 /// Steps that are given up leave nothing behind that does not belong together, also while nodes come off.
 #[test]
 fn steps_given_up_on_the_way_out_leave_no_loads() {
-    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), USUAL);
+    // A surface would hold for ever where no step goes through.
+    let open = Interaction {
+        puncture_n: 0.0,
+        ..USUAL
+    };
+    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), open);
     setup.needle = springs(0.6, Stiffness::default());
     (setup.options.most_iterations, setup.options.part_mm) = (3, 20.0);
     let mut finite = build(setup);

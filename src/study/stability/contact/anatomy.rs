@@ -128,16 +128,13 @@ pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ..of
         };
         let mut model = finite(Slab::level(from, 1.0, [SOFT, TOUGH].map(smooth)), 10.0)?;
-        let (mut before, mut broken) = ((0.0, 0.0), Vec::new());
+        let (mut before, mut broken) = ((0.0, 0.0f64), Vec::new());
         let seen = push(model.as_mut(), &Vector3::z(), 40.0, |outcome| {
+            let now = (outcome.tip_at_rest_mm.map_or(0.0, |place| place.z), resistance(outcome));
             if count(outcome, EventKind::Puncture) > 0 {
-                broken.push(before);
+                broken.push((before.0, before.1.max(now.1)));
             }
-            let at_rest = outcome.tip_at_rest_mm.map_or(0.0, |place| place.z);
-            before = (
-                at_rest,
-                resistance(outcome) - SOFT.friction_n_per_mm * outcome.inserted_mm,
-            );
+            before = now;
         })?;
         watch.broken += seen.broken;
         watch.unsettled += seen.unsettled;
