@@ -47,8 +47,8 @@ impl Finite {
             return false;
         }
         // Its element is not what it was.
-        (self.tip.row, self.tip.found, self.tip.surface) = (None, None, None);
-        self.tip.at_node = false;
+        (self.tip.row, self.tip.found, self.tip.at_node) = (None, None, false);
+        self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !self.contacts.is_empty());
         if self.contacts.is_empty() {
             self.tip.corners.clear();
             if !self.tip.bare {
@@ -78,11 +78,19 @@ impl Finite {
             (false, Some(element)) => self.walk(&tip, element),
             (false, None) => None,
         };
+        // A surface that holds takes its tissue along: where elements are inverted, a walk may lead elsewhere.
+        let acts = self.tip.row.is_some() || self.tip.at_node;
+        let holds = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
-            self.be_outside();
+            if !holds {
+                self.be_outside();
+            }
             return false;
         };
         let at_rest = self.point_at(&place);
+        if holds && (at_rest - self.tip.reference).norm() > SAMPLE_MM {
+            return false;
+        }
         if self.entry.is_none() {
             self.tip.reference = at_rest;
             if self.anatomy.region(&at_rest).is_some() {

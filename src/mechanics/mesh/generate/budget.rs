@@ -96,7 +96,7 @@ pub(super) fn within(
     let path = Path::new(options, nodes, tissue);
     let mut aim = (FIRST_AIM * nodes as f64).ceil() as usize;
     for _ in 0..AIMS {
-        let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &path, &limits, progress)? else {
+        let Some(mut draft) = refined(tissue, sampler, nodes, aim, options, &path, progress)? else {
             return Ok(None);
         };
         for round in 0..ROUNDS {
@@ -134,9 +134,9 @@ fn refined(
     aim: usize,
     options: &GenerateOptions,
     path: &Path,
-    limits: &Limits,
     progress: &mut impl FnMut(f32),
 ) -> Result<Option<Draft>, GenerateError> {
+    let limits = &Limits::new(options.min_dihedral_deg);
     let max_edge = options.max_edge_mm.unwrap_or(f64::INFINITY);
     let start = || {
         Refinement::new(
