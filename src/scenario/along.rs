@@ -8,7 +8,7 @@ use crate::tracking::trajectory::Trajectory;
 /// Pieces of the path are at least so long, mm: shorter ones are taken together.
 const PIECE_MM: f64 = 2.0;
 
-/// Straight pieces of the way of the tip, mm.
+/// Straight pieces of the tip's path, mm.
 pub(super) fn pieces(tip: &Trajectory) -> Vec<[Point3<f64>; 2]> {
     let mut places = tip.keys().iter().map(|key| key.pose.position_mm());
     let Some(mut from) = places.next() else {
@@ -24,7 +24,7 @@ pub(super) fn pieces(tip: &Trajectory) -> Vec<[Point3<f64>; 2]> {
     pieces
 }
 
-/// What came of making a mesh.
+/// Note about a generated mesh.
 pub(super) fn in_words(report: &GenerateReport, along_path: bool) -> String {
     let GenerateReport { nodes, elements, .. } = report;
     let all = report.mislabelled_percent;

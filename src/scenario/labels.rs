@@ -1,4 +1,4 @@
-//! What a needle meets: the labels of the scene's volume, with smoothed boundaries.
+//! The labels of the scene's volume as regions that a needle meets, with smoothed boundaries.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::volume::LabelVolume;
 /// Distance between samples of a path, mm.
 const STEP_MM: f64 = 0.5;
 
-/// What lies where in a volume, and what it does to a needle.
+/// Labels of a volume with their interactions.
 #[derive(Clone, Debug)]
 pub(super) struct Labels {
     volume: Arc<LabelVolume>,
@@ -63,8 +63,7 @@ impl Anatomy for Labels {
     }
 }
 
-/// What of a needle's path lies in tissue that is not meshed, as a warning. `read` says that the mesh is from a file, about which nothing
-/// may be known.
+/// Warning of tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which no tissue may be known.
 pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, read: bool) -> Option<String> {
     let body = scene.body();
     let mut passed: BTreeMap<u8, f64> = BTreeMap::new();

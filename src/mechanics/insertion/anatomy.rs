@@ -1,4 +1,4 @@
-//! What lies where in the tissue at rest, and what it does to a needle.
+//! The anatomy at rest as a needle meets it: regions in space, and the interaction of each with the needle.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -9,16 +9,16 @@ use nalgebra::Point3;
 use super::Interaction;
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
-/// What a needle meets: regions in space, whatever mesh carries them.
+/// Regions of the body and their interactions with a needle, independent of any mesh.
 pub trait Anatomy: Send + Sync + Debug {
     /// The region at a point of the undeformed body (mm); none outside the body.
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32>;
 
-    /// How a needle and this region act on each other. Numbers that fail [`Interaction::check`] count as the default.
+    /// The interaction of a region with a needle. Numbers that fail [`Interaction::check`] count as the default.
     fn interaction(&self, region: i32) -> Interaction;
 }
 
-/// How a needle and the tissue of a region act on each other; nothing outside.
+/// The interaction of a region with a needle; none outside.
 pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
     region
         .map(|region| anatomy.interaction(region))
@@ -45,7 +45,7 @@ pub struct MeshRegions {
 }
 
 impl MeshRegions {
-    /// What the regions of a mesh do to the needle: one that is not in `interactions` does nothing.
+    /// Regions of a mesh with their interactions; one that is not listed exerts no force.
     pub fn new(mesh: &Arc<TetMesh>, interactions: &[(i32, Interaction)]) -> MeshRegions {
         MeshRegions::located(mesh, Arc::new(Locator::new(mesh)), interactions)
     }

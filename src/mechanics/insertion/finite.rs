@@ -55,12 +55,12 @@ pub struct Finite {
     locator: Arc<Locator<f64>>,
     /// Elements at the faces of the surface at rest, and the centres of these (mm).
     surface: Vec<(u32, Point3<f64>)>,
-    /// Whether each node lies there.
+    /// Nodes on that surface.
     on_surface: Vec<bool>,
     factor: Arc<Factor>,
     /// The dense inverse, once a level has needed it.
     dense: Option<Source>,
-    /// Of the dense inverse.
+    /// Precision of the dense inverse.
     precision: Precision,
     adaptation: Adaptation,
     anatomy: Arc<dyn Anatomy>,

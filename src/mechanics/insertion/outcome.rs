@@ -39,8 +39,8 @@ pub struct Outcome {
     pub tip_mm: Point3<f64>,
     /// Where the tissue at the tip is at rest, mm; none outside.
     pub tip_at_rest_mm: Option<Point3<f64>>,
-    /// How far the tip is from that of the needle as it is measured at its base, mm: straight, its bevel included, nothing on it. At
-    /// bone the needle is where it was stopped, not where the hand is.
+    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone, from where
+    /// the needle was stopped, not from the hand.
     pub tip_deflection_mm: f64,
     /// How deep the tip is along the path in the tissue, mm: 0 outside.
     pub inserted_mm: f64,

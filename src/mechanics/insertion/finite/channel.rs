@@ -16,7 +16,7 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    /// Whether the tissue at a point lies in a path no wider than a needle of `radius_mm`, before its end.
+    /// True of a point within `radius_mm` of a path and more than [`END_MM`] from its end.
     pub fn holds(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
         self.paths.iter().any(|path| {
             let Some(end) = path.last() else { return false };
@@ -27,7 +27,7 @@ impl Channel {
         })
     }
 
-    /// Takes the cutting tip from a point to another: the path that ends there grows, or another begins.
+    /// Records that the tip has cut from one point to another: the path that ends there grows, or a new one begins.
     pub fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
         let near = |end: &Point3<f64>| (from - end).norm() <= END_MM || (point - end).norm() <= SPACING_MM;
         let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(near);

@@ -17,9 +17,9 @@ const BEYOND_MM: f64 = 0.05;
 /// The same while the needle goes in: a node that has just been made lies as the new mesh has it, which may be a little ahead of the tip
 /// that comes after it.
 const LOST_MM: f64 = 0.5;
-/// No border counts so near to the last one, mm.
+/// Least distance between two crossings of a border, mm.
 const BORDER_MM: f64 = 0.5;
-/// Distance at which regions along a path are looked at, mm.
+/// Distance between samples of the regions along a path, mm.
 const SAMPLE_MM: f64 = 0.25;
 /// Halvings of it to where a region begins, 1e-13 mm.
 const HALVINGS: usize = 40;
@@ -121,7 +121,7 @@ impl Finite {
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
-    /// How the needle and a region act on each other.
+    /// The interaction of a region with the needle.
     pub(super) fn of(&self, region: i32) -> Interaction {
         interaction(self.anatomy.as_ref(), Some(region))
     }
@@ -180,7 +180,7 @@ impl Finite {
         self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
     }
 
-    /// How far behind the tip the regions that it is in begin, mm, in the tissue at rest; none where they do not.
+    /// Distance from the tip back along the needle to the border of the regions `within`, mm, in the tissue at rest.
     pub(super) fn border_behind(&self, tangent: &Vector3<f64>, within: impl Fn(Option<i32>) -> bool) -> Option<f64> {
         let is_in = |behind: f64| within(self.anatomy.region(&(self.tip.reference - tangent * behind)));
         let most = (self.line.length_mm() / SAMPLE_MM).ceil() as usize;

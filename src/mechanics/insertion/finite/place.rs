@@ -11,7 +11,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Whether it is in its element, not beside the mesh.
+    /// True of a point in its element, false of one extrapolated beside the mesh.
     pub fn is_inside(&self) -> bool {
         self.bary.iter().all(|share| *share >= -1e-9)
     }

@@ -73,10 +73,10 @@ pub struct Setup {
     pub materials: Vec<Material>,
     /// Nodes and axes (0 to 2) that do not move.
     pub fixed: Vec<(u32, u8)>,
-    /// What the regions of the mesh do to the needle; those not named do nothing.
+    /// Interactions of the regions of the mesh with the needle; those not named exert no force.
     pub interactions: Vec<(i32, Interaction)>,
-    /// What lies where, in place of the regions of the mesh and `interactions`, which are checked all the same: the mesh then gives
-    /// stiffness alone.
+    /// Regions met by the needle, in place of those of the mesh and of `interactions` (which are checked all the same): the mesh then
+    /// gives stiffness alone. Default: the regions of the mesh.
     pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle.
     pub needle: Box<dyn Needle>,

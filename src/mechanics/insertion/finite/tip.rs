@@ -27,9 +27,9 @@ pub(super) struct Tip {
     pub element: Option<u32>,
     /// The region it is in.
     pub region: Option<i32>,
-    /// Where it came into that, in the reference state, mm.
+    /// Place of the last crossing of a border, in the reference state, mm.
     pub crossed: Point3<f64>,
-    /// Whether the tissue there is cut already.
+    /// True in tissue that is cut already.
     pub in_channel: bool,
     /// In the reference state, mm.
     pub reference: Point3<f64>,
@@ -134,7 +134,7 @@ impl Finite {
         }
     }
 
-    /// What cutting at the tip takes, N: more at a surface, until the tip has slipped into that.
+    /// Cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
     pub(super) fn cutting(&self) -> f64 {
         let of = interaction(self.anatomy.as_ref(), self.tip.region);
         let cutting = if self.tip.in_channel { 0.0 } else { of.cutting_n };

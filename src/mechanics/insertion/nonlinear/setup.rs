@@ -66,7 +66,7 @@ pub struct Setup {
     pub fixed: Vec<(u32, u8)>,
     /// What the regions of the mesh do to the needle; those not named do nothing. No `peak`, and no bone is met.
     pub interactions: Vec<(i32, Interaction)>,
-    /// What lies where, in place of the regions of the mesh; `interactions` are checked all the same.
+    /// Regions met by the needle, in place of those of the mesh; `interactions` are checked all the same.
     pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle, which nothing bends.
     pub shaft: Shaft,
