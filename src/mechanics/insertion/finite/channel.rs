@@ -16,14 +16,21 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    /// True of a point within `radius_mm` of a path and more than [`END_MM`] from its end.
+    /// True of a point within `radius_mm` of a path, beside a place more than [`END_MM`] before its end.
     pub fn holds(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
         self.paths.iter().any(|path| {
-            let Some(end) = path.last() else { return false };
-            let last = path.len() - 2;
-            let mut segments = path.windows(2).enumerate();
-            let beside = |(at, ends): (usize, &[Point3<f64>])| distance(point, ends, at == last) <= radius_mm;
-            (point - end).norm() > END_MM && segments.any(beside)
+            let (mut length, mut nearest) = (0.0, [f64::INFINITY, 0.0]);
+            for ends in path.windows(2) {
+                let (along, off) = (ends[1] - ends[0], point - ends[0]);
+                let share = (off.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                let distance = (off - along * share).norm();
+                // From a segment without length it is not a number.
+                if distance < nearest[0] {
+                    nearest = [distance, length + along.norm() * share];
+                }
+                length += along.norm();
+            }
+            nearest[0] <= radius_mm && length - nearest[1] > END_MM
         })
     }
 
@@ -47,16 +54,6 @@ impl Channel {
     }
 }
 
-/// Distance of a point from a segment, mm; infinite beyond the end of the `last`, and from one without length.
-fn distance(point: &Point3<f64>, ends: &[Point3<f64>], last: bool) -> f64 {
-    let (along, off) = (ends[1] - ends[0], point - ends[0]);
-    let share = off.dot(&along) / along.norm_squared();
-    if !share.is_finite() || (last && share > 1.0) {
-        return f64::INFINITY;
-    }
-    (off - along * share.clamp(0.0, 1.0)).norm()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +75,7 @@ mod tests {
             (0.0, 19.7, true),
             (0.0, 19.9, false),
             (0.0, 20.5, false),
+            (0.3, 20.3, false),
             (0.59, 12.3, true),
             (0.61, 12.3, false),
             (5.0, 9.7, true),

@@ -49,6 +49,11 @@ impl Finite {
         let was_in_bone = self.tip.in_bone();
         if self.advance(advance) {
             self.settle(base);
+            // The forces across the shaft are of the changed mesh, too, only now.
+            if self.tip.front.is_some() {
+                self.transfer();
+                self.settle(base);
+            }
         }
         // Bone that has just been met.
         if !was_in_bone && self.hold_at_bone() {

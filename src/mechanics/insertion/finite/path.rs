@@ -14,9 +14,13 @@ use crate::mechanics::tissue::remesh::corner::best_corner;
 
 /// A node comes off when it is this far beyond the tip, mm: one that has just been made there must not for rounding.
 const BEYOND_MM: f64 = 0.05;
-/// The same while the needle goes in: a node that has just been made lies as the new mesh has it, which may be a little ahead of the tip
-/// that comes after it.
-const LOST_MM: f64 = 0.5;
+/// The same while the needle goes in: a node made at the tip yields more to the cutting force than the corners that shared it before,
+/// and lies ahead until the tip has come up to it.
+const LOST_MM: f64 = 5.0;
+/// Iterations of [`Finite::transfer`] at most,
+const TRANSFERS: usize = 8;
+/// and where they end: motion of the tip in the tissue, mm.
+const TRANSFERRED_MM: f64 = 0.01;
 /// Least distance between two crossings of a border, mm.
 const BORDER_MM: f64 = 0.5;
 /// Distance between samples of the regions along a path, mm.
@@ -73,16 +77,17 @@ impl Finite {
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.break_surface();
         let tip = self.line.tip();
+        let inverted = self.outcome.crushed;
         let found = match (self.contacts.is_empty(), self.tip.element) {
             (true, _) => self.enter(&tip),
             (false, Some(element)) => self.walk(&tip, element),
             (false, None) => None,
         };
-        // A surface that holds takes its tissue along: where elements are inverted, a walk may lead elsewhere.
-        let acts = self.tip.row.is_some() || self.tip.at_node;
-        let holds = self.tip.surface.is_some() && acts && advance > 0.0;
+        // A surface that holds takes its tissue along: where elements are inverted, a walk may lead elsewhere, or nowhere.
+        let acts = (self.tip.row.is_some() || self.tip.at_node) && advance > 0.0;
+        let holds = self.tip.surface.is_some() && acts;
         let Some(place) = found else {
-            if !holds {
+            if !holds && !(acts && self.outcome.crushed > inverted) {
                 self.be_outside();
             }
             return false;
@@ -100,6 +105,9 @@ impl Finite {
             return false;
         }
         let before = self.tip.reference;
+        let tangent = self.line.at(self.line.length_mm()).tangent;
+        let behind = |front: &Point3<f64>| advance > 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
+        self.tip.front = self.tip.front.filter(behind);
         let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
         self.lay_path(&before);
@@ -108,7 +116,8 @@ impl Finite {
             return false;
         };
         self.tip.outside = false;
-        self.tip.in_channel = self.channel.holds(&self.tip.reference, self.needle.radius_mm());
+        let recuts = self.tip.front.is_some();
+        self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
         if !self.tip.in_channel && advance > 0.0 {
             self.channel.cut(&before, &self.tip.reference);
         }
@@ -153,7 +162,7 @@ impl Finite {
     /// tip that wanders along a border does not cross it again and again; bone always does.
     fn cross(&mut self) -> bool {
         let region = self.anatomy.region(&self.tip.reference);
-        let same = region == self.tip.region;
+        let same = region == self.tip.region || self.tip.front.is_some();
         let of = interaction(self.anatomy.as_ref(), region);
         let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none();
         if same || near {
@@ -221,7 +230,7 @@ impl Finite {
             let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
             elsewhere && self.line.length_mm() - last.arc >= spacing
         });
-        beyond && !refused && place.is_inside()
+        beyond && !refused && (self.tip.surface.is_none() || self.contacts.is_empty()) && place.is_inside()
     }
 
     /// Moves a corner to the tip.
@@ -230,12 +239,46 @@ impl Finite {
             self.refuse(region);
             return false;
         };
+        let cutting = self.cutting();
         // A surface that is not broken holds.
         let slides = self.contacts.last().filter(|_| self.tip.surface.is_none());
         let state = slides.map_or(State::Stuck, |last| last.slider.state);
         self.add_contact(node, self.line.length_mm(), state, Some(region));
+        if let (true, [.., before, last]) = (self.tip.at_node, &mut self.forces[..self.contacts.len()]) {
+            let tangent = self.line.at(self.line.length_mm()).tangent;
+            *last = tangent.into_inner() * tangent.dot(before).clamp(0.0, cutting);
+            *before -= *last;
+        }
         self.find_again(place.element);
+        self.transfer();
         true
+    }
+
+    /// Finds tip and last node in the changed mesh under the forces of the mesh before: a change of the mesh is no motion of the needle, so
+    /// it neither holds tissue back nor relieves the hand. The tip comes to lie behind the node, by what that yields more to the cutting
+    /// force than the corners that shared it before.
+    pub(super) fn transfer(&mut self) {
+        let front = self.tip.front.unwrap_or(self.tip.reference);
+        for _ in 0..TRANSFERS {
+            self.take_tip();
+            self.take_compliance();
+            self.write_arcs();
+            self.carry();
+            let Some(place) = self.tip.element.and_then(|element| self.walk(&self.line.tip(), element)) else {
+                break;
+            };
+            let (before, at_rest) = (self.tip.reference, self.point_at(&place));
+            (self.tip.reference, self.tip.element, self.tip.found) = (at_rest, Some(place.element), Some(place));
+            if (at_rest - before).norm() < TRANSFERRED_MM {
+                break;
+            }
+        }
+        self.tip.front = Some(front);
+        for at in 0..self.contacts.len() {
+            let place = self.contacts[at].reference + self.displacement_of(self.contacts[at].node);
+            let arc = self.line.nearest(&place);
+            (self.contacts[at].arc, self.memory.starts[at]) = (arc, arc);
+        }
     }
 
     /// No corner fits at the tip: told once, as further on one may.

@@ -31,6 +31,8 @@ pub(super) struct Tip {
     pub crossed: Point3<f64>,
     /// True in tissue that is cut already.
     pub in_channel: bool,
+    /// Where it was in the reference state before a change of the mesh that left it behind: up to there it cuts again, without events.
+    pub front: Option<Point3<f64>>,
     /// In the reference state, mm.
     pub reference: Point3<f64>,
     /// A place found, not yet in the system.

@@ -63,7 +63,7 @@ impl Finite {
         terms.map(|(node, weight)| self.displacement_of(node) * weight).sum()
     }
 
-    fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+    pub(super) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
         let displacement = self
             .nearby
             .displacement(&mut self.adaptation, &self.carried, self.version, node);
