@@ -22,8 +22,9 @@ pub struct Step<'a> {
     pub time_s: f64,
     /// Base frame of the needle to world.
     pub base: Isometry3<f64>,
-    /// Frame of the probe in contact to world (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)); none without one.
-    pub probe: Option<Isometry3<f64>>,
+    /// Frame of the probe in contact (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)) to world; without one, that of
+    /// the imaging probe.
+    pub probe: Isometry3<f64>,
     /// What came of it.
     pub outcome: &'a Outcome,
     /// The force on the probe split between the two points that drive it, N, world axes; none of a probe that has none.
@@ -138,7 +139,7 @@ pub fn run<O: Observer>(
             number,
             time_s: number as f64 * timing.dt_s,
             base: instruments.base,
-            probe: instruments.probe,
+            probe: instruments.probe.unwrap_or_else(|| scenario.probe(number)),
             outcome: model.outcome(),
             driven: contact.and_then(|contact| contact.driven(instruments.probe.as_ref(), model.outcome())),
             ms,

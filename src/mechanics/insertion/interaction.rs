@@ -86,11 +86,11 @@ pub struct InvalidInteraction {
 }
 
 impl Interaction {
-    /// Sliding force on a length of shaft in this tissue that lies from `near_mm` to `far_mm` behind the tip, N: while the tip `cuts`,
-    /// the part near it has the density of the peak.
-    pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cuts: bool) -> f64 {
-        let peak = self.peak.filter(|_| cuts).map_or([0.0; 2], |peak| {
-            let within = (far_mm.min(peak.width_mm) - near_mm).max(0.0);
+    /// Sliding force on a length of shaft in this tissue that lies from `near_mm` to `far_mm` behind the tip, N. Of the last
+    /// `cut_mm` that the tip has cut, the part near it has the density of the peak.
+    pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cut_mm: f64) -> f64 {
+        let peak = self.peak.map_or([0.0; 2], |peak| {
+            let within = (far_mm.min(peak.width_mm).min(cut_mm) - near_mm).max(0.0);
             [within, within * peak.density_n_per_mm]
         });
         (far_mm - near_mm - peak[0]).max(0.0) * self.friction_n_per_mm + peak[1]
@@ -168,7 +168,7 @@ mod tests {
             (7.0, 9.0, 0.04, 0.04),
             (3.0, 3.0, 0.0, 0.0),
         ] {
-            let forces = [true, false].map(|cuts| tissue.shaft_n([from, to], cuts));
+            let forces = [f64::INFINITY, 0.0].map(|cut_mm| tissue.shaft_n([from, to], cut_mm));
             assert!((forces[0] - cutting).abs() < 1e-15 && (forces[1] - resting).abs() < 1e-15);
         }
     }

@@ -167,6 +167,9 @@ impl Nonlinear {
                     if region.is_some() && self.region.is_some() {
                         self.note(EventKind::Region, region);
                     }
+                    if interaction(self.anatomy.as_ref(), region).critical {
+                        self.note(EventKind::Critical, region);
+                    }
                     self.region = region;
                 }
                 let is_through = self.needle.is_through() && !was_through;

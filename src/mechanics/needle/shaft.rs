@@ -61,7 +61,7 @@ impl Shaft {
 }
 
 /// Length of a bevel where none is stated, mm: with r = 0.6 mm it deflects the tip by the 10.4 mm of Goksel et al. 2011 (figure 10c)
-/// in PVC of 20 kPa, 140 mm deep.
+/// in PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
 pub const BEVEL_MM: f64 = 18.0;
 
 /// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).

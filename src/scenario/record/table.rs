@@ -40,7 +40,7 @@ const NUMBERS: [&str; 27] = [
 /// Columns of counts, and the time that the step took.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
-/// Columns behind those, of a probe in contact: its pose.
+/// Columns behind those: the pose of the probe in contact, or of the imaging probe.
 const POSE: [&str; 7] = [
     "probe_x_mm",
     "probe_y_mm",
@@ -62,10 +62,9 @@ const DRIVEN: [&str; 6] = [
 
 /// The first line.
 pub(super) fn head(probe: Option<&ProbeContact>) -> String {
-    let pose = if probe.is_some() { &POSE[..] } else { &[] };
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { &DRIVEN[..] } else { &[] };
-    format!("{},{COUNTS}", [&NUMBERS[..], pose, driven].concat().join(","))
+    format!("{},{COUNTS}", [&NUMBERS[..], &POSE, driven].concat().join(","))
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
@@ -89,14 +88,12 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
             write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
         }
     }
-    if let Some(pose) = step.probe {
-        let (place, turn) = (pose.translation.vector, pose.rotation.coords);
-        write!(
-            out,
-            ",{},{},{},{},{},{},{}",
-            place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
-        )?;
-    }
+    let (place, turn) = (step.probe.translation.vector, step.probe.rotation.coords);
+    write!(
+        out,
+        ",{},{},{},{},{},{},{}",
+        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+    )?;
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;
     }

@@ -24,9 +24,14 @@ impl Finite {
             point_mm,
             direction: tangent,
         });
-        self.tip.element = Some(place.element);
+        (self.tip.element, self.tip.cut_mm) = (Some(place.element), depth);
         (self.tip.region, self.tip.crossed, self.tip.outside) = (Some(region), at_rest, false);
-        let bone = self.of(region).bone;
+        let of = self.of(region);
+        self.tip.critical = Some(region).filter(|_| of.critical);
+        if of.critical {
+            self.note(EventKind::Critical, point_mm, Some(region));
+        }
+        let bone = of.bone;
         if let Some(bone) = &bone {
             self.meet_bone(bone, &point_mm, region);
         }

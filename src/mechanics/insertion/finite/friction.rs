@@ -8,8 +8,8 @@ use super::contact::{Contact, Layer};
 use crate::mechanics::insertion::Anatomy;
 use crate::mechanics::insertion::anatomy::interaction;
 
-/// Sets the bounds of all contacts, base first, with the tip, which `cuts` new tissue or not, at arc `tip` (mm).
-pub(super) fn bound(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cuts: bool) {
+/// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm), behind which `cut_mm` are newly cut.
+pub(super) fn bound(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
     for at in 0..contacts.len() {
         let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
         let contact = &mut contacts[at];
@@ -28,8 +28,8 @@ pub(super) fn bound(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, c
         for layer in layers {
             let within = [behind - layer.length * stretch, behind];
             let of = interaction(anatomy, layer.region);
-            for (direction, cuts) in [cuts, false].into_iter().enumerate() {
-                let force = of.shaft_n(within, cuts);
+            for (direction, cut_mm) in [cut_mm, 0.0].into_iter().enumerate() {
+                let force = of.shaft_n(within, cut_mm);
                 sliding[direction] += force;
                 holding[direction] += force * of.static_ratio;
             }
@@ -107,7 +107,7 @@ mod tests {
             contact(112.0, &[(1, 4.0), (2, 4.0)]),
             contact(120.0, &[(2, 5.0)]),
         ];
-        bound(&Two, &mut contacts, 125.0, true);
+        bound(&Two, &mut contacts, 125.0, f64::INFINITY);
         let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
         // One of the six millimetres of the peak lies before the last contact.
         let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
@@ -117,10 +117,13 @@ mod tests {
         }
         assert!(near(contacts[0].slider.holding[1], -1.5 * resting[0]));
         // A tip in a path that is cut has no peak; an unknown region does nothing.
-        bound(&Two, &mut contacts, 125.0, false);
+        bound(&Two, &mut contacts, 125.0, 0.0);
         assert!(near(contacts[1].slider.sliding[0], resting[1]));
+        // Three millimetres behind the end of such a path.
+        bound(&Two, &mut contacts, 125.0, 3.0);
+        assert!(near(contacts[2].slider.sliding[0], 3.0 * 0.1 + 2.0 * 0.05));
         let mut alone = [contact(0.0, &[(7, 3.0)])];
-        bound(&Two, &mut alone, 3.0, true);
+        bound(&Two, &mut alone, 3.0, f64::INFINITY);
         assert!(near(alone[0].slider.sliding[0], 0.0));
     }
 
@@ -129,7 +132,7 @@ mod tests {
     fn the_force_is_continuous_across_a_boundary() {
         let force = |depth: f64| {
             let mut contacts = [contact(0.0, &[(1, depth.min(10.0)), (2, (depth - 10.0).max(0.0))])];
-            bound(&Two, &mut contacts, depth, true);
+            bound(&Two, &mut contacts, depth, f64::INFINITY);
             contacts[0].slider.sliding[0]
         };
         assert!((force(10.0 + 1e-9) - force(10.0 - 1e-9)).abs() < 1e-9);

@@ -49,10 +49,9 @@ impl Finite {
         let was_in_bone = self.tip.in_bone();
         if self.advance(advance) {
             self.settle(base);
-            // The forces across the shaft are of the changed mesh, too, only now.
+            // Forces across the shaft are those of the changed mesh only now.
             if self.tip.front.is_some() {
                 self.transfer();
-                self.settle(base);
             }
         }
         // Bone that has just been met.

@@ -8,7 +8,7 @@ use super::place::Place;
 use super::slider::{Slider, State};
 use super::{EventKind, Finite};
 use crate::mechanics::insertion::Interaction;
-use crate::mechanics::insertion::anatomy::interaction;
+use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
 use crate::mechanics::needle::ShaftPoint;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 
@@ -21,8 +21,6 @@ const LOST_MM: f64 = 5.0;
 const TRANSFERS: usize = 8;
 /// and where they end: motion of the tip in the tissue, mm.
 const TRANSFERRED_MM: f64 = 0.01;
-/// Least distance between two crossings of a border, mm.
-const BORDER_MM: f64 = 0.5;
 /// Distance between samples of the regions along a path, mm.
 const SAMPLE_MM: f64 = 0.25;
 /// Halvings of it to where a region begins, 1e-13 mm.
@@ -118,7 +116,10 @@ impl Finite {
         self.tip.outside = false;
         let recuts = self.tip.front.is_some();
         self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
-        if !self.tip.in_channel && advance > 0.0 {
+        if self.tip.in_channel {
+            self.tip.cut_mm = 0.0;
+        } else if advance > 0.0 {
+            self.tip.cut_mm += (self.tip.reference - before).norm();
             self.channel.cut(&before, &self.tip.reference);
         }
         if self.of(region).bone.is_some() {
@@ -162,16 +163,26 @@ impl Finite {
     /// tip that wanders along a border does not cross it again and again; bone always does.
     fn cross(&mut self) -> bool {
         let region = self.anatomy.region(&self.tip.reference);
-        let same = region == self.tip.region || self.tip.front.is_some();
         let of = interaction(self.anatomy.as_ref(), region);
+        let same = region == self.tip.region || self.tip.front.is_some();
         let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none();
-        if same || near {
-            return false;
+        let crosses = !same && !near;
+        if crosses {
+            (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
+            if region.is_some() {
+                self.note(EventKind::Region, self.line.tip(), region);
+            }
         }
-        (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
-        let Some(region) = region else { return false };
-        let tip = self.line.tip();
-        self.note(EventKind::Region, tip, Some(region));
+        let is_told = self.tip.critical == region;
+        if of.critical && !is_told {
+            self.note(EventKind::Critical, self.line.tip(), region);
+        }
+        if of.critical || crosses {
+            self.tip.critical = region.filter(|_| of.critical);
+        }
+        let Some(region) = region.filter(|_| crosses) else {
+            return false;
+        };
         self.meet_surface(region);
         self.tip.surface.is_some()
     }
@@ -264,7 +275,11 @@ impl Finite {
             self.take_compliance();
             self.write_arcs();
             self.carry();
-            let Some(place) = self.tip.element.and_then(|element| self.walk(&self.line.tip(), element)) else {
+            let Some(place) = self
+                .tip
+                .element
+                .and_then(|element| self.walk(&self.line.tip(), element))
+            else {
                 break;
             };
             let (before, at_rest) = (self.tip.reference, self.point_at(&place));

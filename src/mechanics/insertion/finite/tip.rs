@@ -31,8 +31,12 @@ pub(super) struct Tip {
     pub crossed: Point3<f64>,
     /// True in tissue that is cut already.
     pub in_channel: bool,
+    /// Length newly cut behind it, mm.
+    pub cut_mm: f64,
     /// Where it was in the reference state before a change of the mesh that left it behind: up to there it cuts again, without events.
     pub front: Option<Point3<f64>>,
+    /// The critical region that was told last, while the tip is in it or near.
+    pub critical: Option<i32>,
     /// In the reference state, mm.
     pub reference: Point3<f64>,
     /// A place found, not yet in the system.
@@ -123,8 +127,8 @@ impl Finite {
         // Shaft that has come out on another side does not rub.
         let last = self.contacts.last().filter(|_| self.tip.outside);
         let end = last.map_or(self.line.length_mm(), |last| last.arc + last.laid());
-        let cuts = !self.tip.in_channel && !self.tip.outside;
-        bound(self.anatomy.as_ref(), &mut self.contacts, end, cuts);
+        let cut_mm = if self.tip.outside { 0.0 } else { self.tip.cut_mm };
+        bound(self.anatomy.as_ref(), &mut self.contacts, end, cut_mm);
         let cutting = self.cutting();
         match (&mut self.tip.row, self.contacts.last_mut()) {
             (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting, 0.0], [cutting, 0.0]),
@@ -211,9 +215,6 @@ impl Finite {
     /// A surface before the tip withstands more than the tissue behind it: it holds until it breaks.
     pub(super) fn meet_surface(&mut self, region: i32) {
         let ahead = self.of(region);
-        if ahead.critical {
-            self.note(EventKind::Critical, self.line.tip(), Some(region));
-        }
         let breaks =
             ahead.puncture_n > ahead.cutting_n && !self.channel.holds(&self.tip.reference, self.needle.radius_mm());
         self.tip.surface = breaks.then_some(ahead.puncture_n);

@@ -13,6 +13,9 @@ const GAP_MM: f64 = 1e-3;
 /// A layer thinner than this is taken for one with that above it: the line grazes the corner of a region.
 const THINNEST_MM: f64 = 0.5;
 
+/// Distance before the entry up to which regions outside the mesh are looked for, mm: a mesh cuts corners of the body.
+const OUTSIDE_MM: f64 = 5.0;
+
 /// Distance at which regions are looked at, mm.
 const SAMPLE_MM: f64 = 0.25;
 
@@ -90,7 +93,8 @@ impl Way {
 }
 
 /// Where each region begins, mm from the entry, along a line of some length through the body. What is in no region counts as what is
-/// before it, or at the beginning behind it.
+/// before it, or at the beginning behind it. Regions of the body that the mesh leaves out before the entry are met there, one after the
+/// other.
 fn layered(
     anatomy: &dyn Anatomy,
     entry: &Point3<f64>,
@@ -99,15 +103,18 @@ fn layered(
 ) -> Vec<(f64, i32)> {
     let at = |mm: f64| anatomy.region(&(entry + direction.scale(mm)));
     let mut layers: Vec<(f64, i32)> = Vec::new();
-    let samples = (length_mm / SAMPLE_MM).ceil() as usize;
+    let outside = (1..=(OUTSIDE_MM / SAMPLE_MM) as usize).map(|sample| sample as f64 * SAMPLE_MM);
+    let outside_mm = outside.take_while(|mm| at(-mm).is_some()).last().unwrap_or(0.0);
+    let samples = ((outside_mm + length_mm) / SAMPLE_MM).ceil() as usize;
+    let spacing = (outside_mm + length_mm) / samples as f64;
     for sample in 0..samples {
-        let mm = (sample as f64 + 0.5) * length_mm / samples as f64;
+        let mm = (sample as f64 + 0.5) * spacing - outside_mm;
         let Some(region) = at(mm) else { continue };
         match layers.last() {
-            None => layers.push((0.0, region)),
+            None => layers.push((-outside_mm, region)),
             Some((_, above)) if *above == region => {}
             Some(_) => {
-                let [mut before, mut behind] = [mm - length_mm / samples as f64, mm];
+                let [mut before, mut behind] = [mm - spacing, mm];
                 for _ in 0..HALVINGS {
                     let middle = 0.5 * (before + behind);
                     *(if at(middle) == Some(region) {
@@ -127,6 +134,11 @@ fn layered(
         if kept.last().is_none_or(|(_, above)| *above != layer.1 && !thin) {
             kept.push(*layer);
         }
+    }
+    let mut least = 0.0;
+    for (from, _) in &mut kept {
+        *from = from.max(least);
+        least = *from + THINNEST_MM;
     }
     kept
 }

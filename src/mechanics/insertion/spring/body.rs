@@ -1,6 +1,6 @@
 //! The state of an insertion beside the springs.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::bone::Hold;
 use crate::mechanics::needle::{CentreLine, Entry};
@@ -32,6 +32,8 @@ pub(super) struct Body {
     pub breaking: bool,
     /// The region that the tip is in.
     pub region: Option<i32>,
+    /// Place of the last crossing of a border, in the reference state, mm.
+    pub crossed: Vector3<f64>,
     /// The element that the tip was last found in.
     pub element: u32,
     /// It has been told that the tip cannot be made a node here.

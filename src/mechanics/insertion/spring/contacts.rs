@@ -34,6 +34,8 @@ pub(super) struct Contact {
     pub stuck: bool,
     /// The region that it lies in.
     pub region: Option<i32>,
+    /// Where another region begins on the shaft before the next contact, mm from this one, and which.
+    pub beyond: Option<(f64, Option<i32>)>,
     /// What it does to the needle, N.
     pub force: Vector3<f64>,
     /// What of that is across the shaft.
@@ -98,11 +100,31 @@ impl Contacts {
         }));
     }
 
-    /// Sliding force of one contact, N: of the shaft from its node to the next.
-    fn friction(&self, place: usize, tip: f64, advancing: bool, of: &Interaction) -> f64 {
-        let from = self.stack[place].arc.clamp(0.0, tip);
+    /// Sliding and holding force of one contact, N: of the shaft from its node to the next, each length by its own region.
+    fn friction(
+        &self,
+        place: usize,
+        tip: f64,
+        advancing: bool,
+        interaction: impl Fn(Option<i32>) -> Interaction,
+    ) -> [f64; 2] {
+        let contact = &self.stack[place];
+        let from = contact.arc.clamp(0.0, tip);
         let to = self.stack.get(place + 1).map_or(tip, |next| next.arc.clamp(from, tip));
-        of.shaft_n([tip - to, tip - from], advancing)
+        let border = contact.beyond.map_or(to, |(length, _)| to.min(from + length));
+        let cut_mm = if advancing { f64::INFINITY } else { 0.0 };
+        let mut forces = [0.0; 2];
+        for (region, [from, to]) in [
+            (Some(contact.region), [from, border]),
+            (contact.beyond.map(|(_, region)| region), [border, to]),
+        ] {
+            let Some(region) = region else { continue };
+            let of = interaction(region);
+            let sliding = of.shaft_n([tip - to, tip - from], cut_mm);
+            forces[0] += sliding;
+            forces[1] += sliding * of.static_ratio;
+        }
+        forces
     }
 
     /// Brings the nodes back to the shaft, which lies as `line` says under the forces of before. Returns whether the node of
@@ -125,13 +147,8 @@ impl Contacts {
             let miss = network.now(contact.node) - on_shaft.point_mm.coords;
             let along = miss.dot(&on_shaft.tangent);
             let tip = line.length_mm();
-            let of = interaction(contact.region);
-            let sliding = self.friction(place, tip, travel.advancing, &of);
-            let friction = if contact.stuck {
-                sliding * of.static_ratio
-            } else {
-                sliding
-            };
+            let [sliding, holding] = self.friction(place, tip, travel.advancing, &interaction);
+            let friction = if contact.stuck { holding } else { sliding };
             let last = place + 1 == self.stack.len();
             let tip_node = last && travel.push.is_some();
             let push = travel.push.filter(|_| last).unwrap_or(0.0);

@@ -10,7 +10,7 @@ use super::geometry::Simplex;
 use super::step::STILL_MM;
 use super::tip::FarFace;
 use crate::mechanics::insertion::EventKind;
-use crate::mechanics::insertion::anatomy::interaction;
+use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 /// Halvings of a step to where the tip meets a surface: 0.4 mm become 1e-12 mm.
@@ -86,6 +86,7 @@ impl MassSpring {
         self.body.awake = true;
         self.body.breaking = true;
         self.body.region = Some(region);
+        self.body.crossed = at.coords;
         self.push(node, Some(region));
         self.contacts.remember(&self.network);
         self.event(EventKind::Skin, *at, Some(region));
@@ -99,6 +100,7 @@ impl MassSpring {
             arc: self.body.line.length_mm(),
             stuck: true,
             region,
+            beyond: None,
             force: Vector3::zeros(),
             side: Vector3::zeros(),
         });
@@ -173,10 +175,18 @@ impl MassSpring {
     /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
     fn meet(&mut self, back: &Vector3<f64>) {
         let tip = self.tip().point_mm;
-        let region = self.anatomy.region(&(tip + back));
+        let reference = tip + back;
+        let region = self.anatomy.region(&reference);
         let of = interaction(self.anatomy.as_ref(), region);
+        let near = (reference.coords - self.body.crossed).norm() < BORDER_MM;
         // Bone is not where springs would have carried it.
-        if of.bone.is_none() && std::mem::replace(&mut self.body.region, region) != region {
+        if of.bone.is_none() && !near && std::mem::replace(&mut self.body.region, region) != region {
+            self.body.crossed = reference.coords;
+            let length = self.body.line.length_mm();
+            if let Some(last) = self.contacts.stack.last_mut() {
+                let from = last.beyond.map_or(length - last.arc, |(from, _)| from);
+                last.beyond = (region != last.region).then_some((from, region));
+            }
             self.body.breaking = of.puncture_n > of.cutting_n;
             self.event(EventKind::Region, tip, region);
             if of.critical {

@@ -37,6 +37,10 @@ impl MassSpring {
             to.real(contact.arc);
             to.flag(contact.stuck);
             to.region(contact.region);
+            to.optional(contact.beyond, |to, (from, region)| {
+                to.real(from);
+                to.region(region);
+            });
             to.vector(&contact.force);
             to.vector(&contact.side);
         });
@@ -81,6 +85,7 @@ impl MassSpring {
                 arc: from.real()?,
                 stuck: from.flag()?,
                 region: from.region()?,
+                beyond: from.optional(|from| Ok((from.real()?, from.region()?)))?,
                 force: from.vector()?,
                 side: from.vector()?,
             })
@@ -131,6 +136,7 @@ fn put_body(to: &mut Words, body: &Body) {
     to.whole(body.tip_node as u64);
     to.flag(body.breaking);
     to.region(body.region);
+    to.vector(&body.crossed);
     to.whole(body.element.into());
     to.flag(body.refused);
     to.optional(body.hold, |to, hold| {
@@ -171,6 +177,7 @@ fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
         tip_node,
         breaking: from.flag()?,
         region: from.region()?,
+        crossed: from.vector()?,
         element: from.below(elements, "an element")?,
         refused: from.flag()?,
         hold: from.optional(|from| {

@@ -69,17 +69,16 @@ fn layers_have_their_friction() {
         ]
     );
     assert!(found[2].1 >= 25.0 && found[2].1 < 27.5, "{found:?}");
-    // Each node has the friction of the layer that it comes from, of the shaft up to the next.
-    let stack = &it.contacts.stack;
-    let arcs = stack.iter().map(|contact| contact.arc).skip(1).chain([150.0]);
-    let whole: f64 = stack
-        .iter()
-        .zip(arcs)
-        .map(|(contact, next)| {
-            let deep = it.network.reference[contact.node as usize].z >= 25.0;
-            (next - contact.arc) * if deep { 0.02 } else { 0.002 }
-        })
-        .sum();
+    // Each length of the shaft has the friction of its own layer.
+    let stack = it.contacts.stack.iter();
+    let places = stack.map(|contact| (contact.arc, it.network.reference[contact.node as usize].z));
+    let places: Vec<_> = places.chain([(150.0, 60.0)]).collect();
+    let friction = |pair: &[(f64, f64)]| {
+        let [(from, above), (to, below)] = [pair[0], pair[1]];
+        let shallow = ((25.0 - above) / (below - above)).clamp(0.0, 1.0);
+        (to - from) * (0.002 * shallow + 0.02 * (1.0 - shallow))
+    };
+    let whole: f64 = places.windows(2).map(friction).sum();
     let force = -it.outcome.on_hand.force_n.z;
     assert!(
         force <= whole + 1e-3 && force > 0.9 * whole && whole > 0.5,
