@@ -28,6 +28,9 @@ use crate::scene::Scene;
 use crate::tracking::needle::NeedlePath;
 use crate::tracking::trajectory::Trajectory;
 
+/// With fewer nodes in contact a probe presses on points rather than along its side.
+const FEW_CANDIDATES: usize = 6;
+
 /// Most steps of a run: hours of simulated time at a millisecond each.
 const MOST_STEPS: f64 = 1e7;
 /// A time is reached up to this share of a step.
@@ -223,6 +226,13 @@ impl ScenarioFile {
             tissue.anatomy.as_ref(),
             file.tissue.mesh.is_some(),
         ));
+        let candidates = tissue.contact.as_ref().map(|contact| contact.probe.candidates.len());
+        if let Some(few @ 1..FEW_CANDIDATES) = candidates {
+            warnings.push(format!(
+                "only {few} nodes of the mesh can touch the contact probe: its force is coarse; lower `contact_probe.thinning`, or raise \
+                 `tissue.nodes`"
+            ));
+        }
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }

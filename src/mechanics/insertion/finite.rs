@@ -209,7 +209,7 @@ impl Finite {
         forces.resize(forces.len() + 3 * self.tip.corners.len(), 0.0);
         if let (Some(row), [true, _]) = (&self.tip.row, self.laid) {
             let force = self.forces[self.contacts.len()];
-            for (node, share) in row.shares {
+            for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
                 (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
             }
         }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use insonify::mechanics::insertion::finite::Finite;
 use insonify::mechanics::insertion::{Anatomy, Bone, EventKind, Interaction, Outcome, Peak};
-use insonify::mechanics::needle::{BendingConstraint, Constrained, Shaft};
+use insonify::mechanics::needle::{BendingConstraint, Bevel, Constrained, Shaft, Springs, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::Point3;
 
@@ -219,6 +219,47 @@ fn bone_stops_a_needle_at_a_limit() {
         last.tip_mm.z < met[0].at_mm.z + 0.5 + 1e-6 && last.tip_deflection_mm < 1e-9,
         "{last:?}"
     );
+}
+
+/// A flexible needle does not pass bone either: it bows between hand and bone. The hand then feels the load at which a column of its free
+/// length buckles: clamped at the hand and pinned at the tip at the least, held along the shaft in tissue at the most (Euler).
+#[test]
+fn a_flexible_needle_bows_at_bone() {
+    let bone = Interaction {
+        bone: Some(Bone {
+            stiffness_n_per_mm: 40.0,
+            penetration_mm: 0.5,
+        }),
+        ..FAT
+    };
+    let shaft = Shaft {
+        length_mm: LENGTH,
+        radius_mm: 0.2,
+    };
+    let stiffness = Stiffness::BendingNmm2(3000.0);
+    let bevel = Bevel {
+        r_mm: 0.2,
+        length_mm: 10.0,
+    };
+    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), Interaction::default());
+    setup.anatomy = Some(Arc::new(Layers(vec![(0.0, FAT), (30.0, bone)])));
+    setup.needle = Box::new(Springs::new(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"));
+    let mut finite = build(setup);
+    let steps = travel(&mut finite, -1.0, 45.0, 0.1);
+    let met: Vec<_> = events(&steps)
+        .into_iter()
+        .filter(|event| event.kind == EventKind::Bone)
+        .collect();
+    assert_eq!(met.len(), 1);
+    let euler = |length: f64| stiffness.bending_nmm2() * (4.4934 / length).powi(2);
+    let most = steps.iter().map(resistance).fold(0.0, f64::max);
+    let last = steps.last().expect("steps");
+    assert!(most > euler(LENGTH) && most < 2.2 * euler(LENGTH - 30.0), "{most} N");
+    assert!((last.tip_mm - met[0].at_mm).norm() < 0.5, "{last:?}");
+    assert!(last.tip_deflection_mm > 5.0, "{last:?}");
+    let back = travel(&mut finite, 45.0, -3.0, 0.1);
+    let last = back.last().expect("steps");
+    assert!(last.contacts == 0 && resistance(last).abs() < 1e-9, "{last:?}");
 }
 
 /// A constrained needle is as far from the one that is measured as its law says (Zhu et al. 2007, section 2.3).

@@ -56,7 +56,7 @@ impl Finite {
         };
         self.add_contact(node, arc, State::Stuck, Some(region));
         self.lay_path(&at_rest);
-        self.tip.row = None;
+        self.tip.forget_row();
         self.tip.in_channel = self.channel.holds(&at_rest, self.needle.radius_mm());
         self.meet_surface(region);
         self.find_again(place.element);

@@ -196,8 +196,11 @@ impl Joint {
             let at = contacts.len();
             if tip.slider.is_stuck() {
                 let gap = line.tip() - tip.reference - self.tissue.offset(at);
-                self.rows.push(3 * at);
-                self.right.push(self.frames[at].column(0).dot(&gap));
+                let local = self.frames[at].transpose() * gap;
+                // Bone pins the tip, tissue does not hold it across the shaft.
+                let rows = if tip.yields_mm_per_n > 0.0 { 3 } else { 1 };
+                self.rows.extend(3 * at..3 * at + rows);
+                self.right.extend(local.iter().take(rows));
             }
             self.forces[3 * at] = tip.slider.force().unwrap_or_default();
         }

@@ -49,7 +49,8 @@ impl Finite {
             return false;
         }
         // Its element is not what it was.
-        (self.tip.row, self.tip.found, self.tip.at_node) = (None, None, false);
+        self.tip.found = None;
+        self.tip.forget_row();
         self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !self.contacts.is_empty());
         if self.contacts.is_empty() {
             self.tip.corners.clear();
@@ -75,17 +76,16 @@ impl Finite {
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.break_surface();
         let tip = self.line.tip();
-        let inverted = self.outcome.crushed;
         let found = match (self.contacts.is_empty(), self.tip.element) {
             (true, _) => self.enter(&tip),
-            (false, Some(element)) => self.walk(&tip, element),
+            (false, Some(element)) => self.find(&tip, element),
             (false, None) => None,
         };
-        // A surface that holds takes its tissue along: where elements are inverted, a walk may lead elsewhere, or nowhere.
-        let acts = (self.tip.row.is_some() || self.tip.at_node) && advance > 0.0;
-        let holds = self.tip.surface.is_some() && acts;
+        // A surface that holds takes its tissue along.
+        let acts = self.tip.row.is_some() || self.tip.at_node;
+        let holds = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
-            if !holds && !(acts && self.outcome.crushed > inverted) {
+            if !holds {
                 self.be_outside();
             }
             return false;
@@ -123,8 +123,11 @@ impl Finite {
             self.channel.cut(&before, &self.tip.reference);
         }
         if self.of(region).bone.is_some() {
+            self.tip.forget_row();
             self.stop_at_bone(region, advance);
-            (self.tip.row, self.tip.at_node) = (None, false);
+            return false;
+        }
+        if self.tip.at_bone() {
             return false;
         }
         self.tip.found = Some(place).filter(|_| !self.contacts.is_empty());
@@ -138,7 +141,8 @@ impl Finite {
 
     /// The tip is in no tissue.
     fn be_outside(&mut self) {
-        (self.tip.row, self.tip.at_node, self.tip.outside) = (None, false, true);
+        self.tip.outside = true;
+        self.tip.forget_row();
         self.leave_bare();
     }
 
@@ -278,7 +282,7 @@ impl Finite {
             let Some(place) = self
                 .tip
                 .element
-                .and_then(|element| self.walk(&self.line.tip(), element))
+                .and_then(|element| self.find(&self.line.tip(), element))
             else {
                 break;
             };

@@ -29,6 +29,8 @@ pub(super) struct ProbeRow {
 pub(super) struct TipRow {
     /// Nodes of the compliance, and their shares.
     pub shares: [(usize, f64); 4],
+    /// Of bone, by itself.
+    pub yields_mm_per_n: f64,
     /// In the reference state, mm.
     pub reference: nalgebra::Point3<f64>,
     pub slider: Slider,
@@ -119,6 +121,9 @@ impl Reduced {
             }
         }
         self.eliminate(first, first + 3);
+        for column in first..first + 3 {
+            self.compliance[column * room + column] += tip.yields_mm_per_n;
+        }
     }
 
     /// Nothing behind the contacts yields.

@@ -56,8 +56,8 @@ impl Slider {
         match self.state {
             State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),
             State::Stuck if force < least - BOUND * least.abs() => Some(State::Slipping(-1.0)),
-            // Pushed towards the tip, it must come nearer to the base.
-            State::Slipping(direction) if slip * direction > REST => Some(State::Stuck),
+            // Pushed towards the tip, it must come nearer to the base; what nothing pushes may go either way.
+            State::Slipping(direction) if slip * direction > REST && self.sliding != [0.0; 2] => Some(State::Stuck),
             _ => None,
         }
     }

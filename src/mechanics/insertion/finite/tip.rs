@@ -79,6 +79,19 @@ impl Tip {
         self.bone.is_some()
     }
 
+    /// True where bone is among the contacts, as of a needle that bends.
+    pub fn at_bone(&self) -> bool {
+        self.row.as_ref().is_some_and(|row| row.yields_mm_per_n > 0.0)
+    }
+
+    /// Takes away the tissue at the tip.
+    pub fn forget_row(&mut self) {
+        if !self.at_bone() {
+            self.row = None;
+        }
+        self.at_node = false;
+    }
+
     /// The base that a hand which has it here can bring about.
     pub fn held(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let behind = self.bone.map_or(0.0, |bone| bone.behind);
@@ -87,9 +100,11 @@ impl Tip {
         held
     }
 
-    /// What bone does to the tip, N: it grows with how far the hand would have the tip in it.
+    /// What bone does to the tip of a needle that does not bend, N: it grows with how far the hand would have the tip in it.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
-        let Some(met) = self.bone else { return Vector3::zeros() };
+        let Some(met) = self.bone.filter(|_| !self.at_bone()) else {
+            return Vector3::zeros();
+        };
         let tangent = line.at(line.length_mm()).tangent;
         tangent.into_inner() * -met.bone.force_n(met.asked(line))
     }
@@ -115,6 +130,10 @@ impl Finite {
                 .position(|corner| *corner == node)
                 .map_or(0.0, |at| place.bary[at]);
             self.tip.at_node = share > AT_NODE;
+            // What the tip cut beside the node it cuts at the node.
+            if let (true, Some(before), Some(last)) = (self.tip.at_node, before, self.contacts.last_mut()) {
+                last.slider.state = before;
+            }
             if self.cutting() > 0.0 && !self.tip.at_node {
                 self.take_corners(&place);
                 self.tip.row = Some(self.row_at(&place, Slider::new(state)));
@@ -131,7 +150,14 @@ impl Finite {
         bound(self.anatomy.as_ref(), &mut self.contacts, end, cut_mm);
         let cutting = self.cutting();
         match (&mut self.tip.row, self.contacts.last_mut()) {
-            (Some(row), _) => (row.slider.sliding, row.slider.holding) = ([cutting, 0.0], [cutting, 0.0]),
+            (Some(row), _) => {
+                let most = if row.yields_mm_per_n > 0.0 {
+                    f64::INFINITY
+                } else {
+                    cutting
+                };
+                (row.slider.sliding, row.slider.holding) = ([most, 0.0], [most, 0.0]);
+            }
             (None, Some(last)) if self.tip.at_node => {
                 last.slider.sliding[0] += cutting;
                 last.slider.holding[0] += cutting;
@@ -187,6 +213,7 @@ impl Finite {
         };
         TipRow {
             shares: std::array::from_fn(share),
+            yields_mm_per_n: 0.0,
             reference: self.adaptation.mesh().point(place.element, place.bary).into(),
             slider,
         }
@@ -235,6 +262,15 @@ impl Finite {
             });
             self.note(EventKind::Bone, *at, Some(region));
         }
+        // A needle that bends finds its shape with bone as one of its contacts.
+        if self.needle.is_flexible() {
+            self.tip.row = Some(TipRow {
+                shares: [(0, 0.0); 4],
+                yields_mm_per_n: 1.0 / bone.stiffness_n_per_mm,
+                reference: *at,
+                slider: Slider::new(State::Stuck),
+            });
+        }
     }
 
     /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. Whether the base is elsewhere now.
@@ -246,6 +282,7 @@ impl Finite {
         met.behind = behind;
         if asked < 0.0 {
             self.tip.bone = None;
+            self.tip.row = self.tip.row.take().filter(|row| row.yields_mm_per_n == 0.0);
         }
         moved
     }

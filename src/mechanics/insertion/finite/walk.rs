@@ -14,6 +14,12 @@ const MOST_ELEMENTS: usize = 64;
 const SLACK: f64 = 1e-10;
 /// The farthest that a point may lie outside the mesh, as a share of the height of the element there.
 const BESIDE: f64 = 0.5;
+/// Length between places that are looked at along the needle among inverted elements, mm,
+const SEARCH_MM: f64 = 0.25;
+/// how many there are to either side,
+const SEARCHED: u32 = 80;
+/// and halvings between two of them, to 1e-6 mm.
+const HALVINGS: u32 = 18;
 /// Iterations that carry a point back to the reference state when only the probe displaces the tissue.
 const CARRIES: usize = 8;
 
@@ -91,6 +97,33 @@ impl Finite {
             self.outcome.crushed += usize::from(tetrahedron.volume <= 0.0);
             Some(tetrahedron)
         })
+    }
+
+    /// The place of the tip, searched from an element. Among inverted elements, which lie over others, it is the place nearest to the last
+    /// one along the needle whose tissue is as far along the needle as the tip.
+    pub(super) fn find(&mut self, tip: &Point3<f64>, from: u32) -> Option<Place> {
+        let inverted = self.outcome.crushed;
+        let found = self.walk(tip, from);
+        if self.outcome.crushed == inverted {
+            return found;
+        }
+        let tangent = self.line.at(self.line.length_mm()).tangent.into_inner();
+        let last = self.tip.reference;
+        let gap = |model: &mut Finite, along: f64| {
+            let place = model.walk_at_rest(&(last + tangent * along), from)?;
+            let lies = model.point_at(&place) + model.displacement_at(&place);
+            Some((tangent.dot(&(tip - lies)), place))
+        };
+        let forward = gap(self, 0.0)?.0.signum();
+        let passed = |gap: f64| gap * forward <= 0.0;
+        let places = (1..=SEARCHED).map(|step| f64::from(step) * SEARCH_MM * forward);
+        let beyond = |model: &mut Finite, along: f64| gap(model, along).is_none_or(|(gap, _)| passed(gap));
+        let (mut near, mut far) = (0.0, places.into_iter().find(|along| beyond(self, *along))?);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (near + far);
+            *(if beyond(self, middle) { &mut far } else { &mut near }) = middle;
+        }
+        gap(self, near).map(|(_, place)| place)
     }
 
     /// The same in the reference state.

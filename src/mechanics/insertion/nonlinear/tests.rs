@@ -344,3 +344,44 @@ fn bone_on_the_way_is_found() {
     assert!((12.0..17.0).contains(&at), "{at}");
     assert_eq!(obstacle(&anatomy, &tip, &direction, 5.0), None);
 }
+
+/// Regions by depth: 1.2 mm of skin (5) outside the mesh, then 1 and, from 12 mm, critical tissue (2).
+#[derive(Debug)]
+struct Beyond;
+
+impl Anatomy for Beyond {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        match at_rest_mm.z {
+            z if z < -1.2 => None,
+            z if z < 0.0 => Some(5),
+            z if z < 12.0 => Some(1),
+            _ => Some(2),
+        }
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        Interaction {
+            cutting_n: 0.01,
+            puncture_n: if region == 5 { 0.05 } else { 0.0 },
+            critical: region == 2,
+            ..Interaction::default()
+        }
+    }
+}
+
+/// Skin that the mesh leaves out is met at the surface of the mesh, and critical tissue is told.
+#[test]
+fn skin_outside_the_mesh_breaks_and_critical_tissue_is_told() {
+    let mut setup = setup(None);
+    setup.anatomy = Some(Arc::new(Beyond));
+    let mut model = Nonlinear::new(setup).unwrap();
+    let depths: Vec<f64> = (0..50).map(|at| -2.0 + 0.4 * f64::from(at)).collect();
+    let expected = [
+        (EventKind::Skin, Some(5)),
+        (EventKind::Puncture, Some(5)),
+        (EventKind::Region, Some(1)),
+        (EventKind::Region, Some(2)),
+        (EventKind::Critical, Some(2)),
+    ];
+    assert_eq!(told(&run(&mut model, &depths)), expected);
+}

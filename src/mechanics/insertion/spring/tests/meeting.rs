@@ -214,3 +214,24 @@ fn steps_that_cannot_be_made_are_refused() {
         Some(EventKind::NotConverged)
     );
 }
+
+/// A tip that wanders along a border crosses it once, and its surface holds once.
+#[test]
+fn a_border_is_crossed_once() {
+    let of = |puncture_n| Interaction {
+        puncture_n,
+        ..Interaction::default()
+    };
+    let layers = Layers {
+        at: vec![0.0, 25.0],
+        of: vec![of(0.0), of(0.1)],
+    };
+    let mut it = model(Parameters::default(), layers);
+    let mut found = events(&mut it, [-1.0, 25.2], 20.0);
+    for _ in 0..4 {
+        found.extend(events(&mut it, [25.2, 24.9], 20.0));
+        found.extend(events(&mut it, [24.9, 25.2], 20.0));
+    }
+    let crossings = found.iter().filter(|event| event.0 == EventKind::Region).count();
+    assert_eq!(crossings, 1, "{found:?}");
+}
