@@ -8,7 +8,7 @@ use insonify::mechanics::needle::{BendingConstraint, Bevel, Constrained, Shaft, 
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::Point3;
 
-use super::support::{LENGTH, block, build, events, on_table, resistance, travel};
+use super::support::{LENGTH, block, build, events, go, on_table, resistance, travel};
 
 /// Layers of regions 0, 1, ... along z: where each begins (mm), and what it does to the needle.
 #[derive(Clone, Debug)]
@@ -200,6 +200,7 @@ fn bone_stops_a_needle_at_a_limit() {
             stiffness_n_per_mm: 40.0,
             penetration_mm: 0.5,
         }),
+        friction_n_per_mm: 1.0,
         ..FAT
     };
     let layers = Layers(vec![(0.0, FAT), (30.0, bone)]);
@@ -219,6 +220,10 @@ fn bone_stops_a_needle_at_a_limit() {
         last.tip_mm.z < met[0].at_mm.z + 0.5 + 1e-6 && last.tip_deflection_mm < 1e-9,
         "{last:?}"
     );
+    // On the way out it rubs on what it has come through, not on bone.
+    let back = travel(&mut finite, 70.0, -3.0, 0.1);
+    let pulled = back.iter().map(|step| -resistance(step)).fold(0.0, f64::max);
+    assert!(pulled < 0.005 * 31.0, "{pulled} N");
 }
 
 /// A flexible needle does not pass bone either: it bows between hand and bone. The hand then feels the load at which a column of its free
@@ -293,4 +298,29 @@ fn a_constrained_needle_is_deflected_from_the_measured_one() {
     let measured = base * Point3::new(0.0, 0.0, LENGTH);
     assert!((outcome.tip_deflection_mm - (outcome.tip_mm - measured).norm()).abs() < 1e-12);
     assert!(outcome.tip_deflection_mm > 0.01, "{outcome:?}");
+}
+
+/// A needle that stops keeps its force, also right after a change of the mesh at its tip.
+#[test]
+fn a_needle_that_stops_keeps_its_force() {
+    let cut = Interaction { cutting_n: 0.5, ..FAT };
+    let layers = Layers(vec![(0.0, cut)]);
+    let mut stopped = 0;
+    for cell in [6.0, 12.0] {
+        let mut finite = carried(&layers, cell, 5.0);
+        let mut depth = -1.0;
+        while depth < 45.0 {
+            let moving = go(&mut finite, depth + 0.05);
+            depth += 0.05;
+            if moving.remeshes > 0 && resistance(&moving) > 0.5 {
+                let resting = go(&mut finite, depth);
+                assert!(
+                    (resistance(&resting) - resistance(&moving)).abs() < 0.02,
+                    "{moving:?} {resting:?}"
+                );
+                stopped += 1;
+            }
+        }
+    }
+    assert!(stopped >= 6, "{stopped}");
 }

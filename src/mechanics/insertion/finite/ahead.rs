@@ -11,7 +11,7 @@ const MOST_ELEMENTS: usize = 16;
 /// After so much of the way it is looked again, mm: the path bends.
 const AGAIN_MM: f64 = 0.25;
 
-/// What an expectation depends on.
+/// Inputs of an expectation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Outlook {
     mesh_step: u64,

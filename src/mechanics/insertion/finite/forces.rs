@@ -24,7 +24,7 @@ impl Finite {
         self.guide.filter(|_| self.needle.is_flexible())
     }
 
-    /// What bends the needle: the forces at hand.
+    /// The loads that bend the needle: the forces at hand.
     fn write_loads(&mut self) {
         let loads = &mut self.memory.loads;
         loads.clear();

@@ -46,7 +46,7 @@ pub(super) struct Joint {
     right: Vec<f64>,
     /// Forces on the tissue in the frames of the contacts, N.
     forces: Vec<f64>,
-    /// What a solution was linearised about.
+    /// The forces that a solution was linearised about.
     before: Vec<f64>,
 }
 
@@ -59,12 +59,12 @@ pub(super) struct Yielding {
     pub drift: Vec<f64>,
 }
 
-/// What a solution took.
+/// Effort and outcome of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Solved {
     /// Systems solved.
     pub rounds: usize,
-    /// Whether Coulomb's law holds everywhere.
+    /// True where Coulomb's law holds everywhere.
     pub settled: bool,
     /// Of the last system. With as many negative ones as the tangent stiffness of the needle has, tissue holds it; with fewer it
     /// buckles.

@@ -5,7 +5,7 @@ use faer::MatMut;
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
 
-/// What entries of the carrier are read for: they hold as long as it stays the same, and the carried forces act where they did.
+/// State for which entries of the carrier were read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Key {
     mesh_step: u64,
@@ -61,7 +61,7 @@ impl Nearby {
         Ok(displacement)
     }
 
-    /// Whether entries that were read still hold.
+    /// True while entries that were read still hold.
     fn holds(&self, adaptation: &Adaptation, carried: &[(usize, f64)], contacts: u64) -> bool {
         let mesh_step = adaptation.mesh().step();
         self.key == Some(Key { mesh_step, contacts }) && self.columns.iter().eq(carried.iter().map(|(dof, _)| dof))

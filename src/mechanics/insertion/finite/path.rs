@@ -16,18 +16,18 @@ use crate::mechanics::tissue::remesh::corner::best_corner;
 const BEYOND_MM: f64 = 0.05;
 /// The same while the needle goes in: a node made at the tip yields more to the cutting force than the corners that shared it before,
 /// and lies ahead until the tip has come up to it.
-const LOST_MM: f64 = 5.0;
+const LOST_MM: f64 = 20.0;
 /// Iterations of [`Finite::transfer`] at most,
-const TRANSFERS: usize = 8;
-/// and where they end: motion of the tip in the tissue, mm.
-const TRANSFERRED_MM: f64 = 0.01;
+const TRANSFERS: usize = 20;
+/// and where they end: motion of the tip in the tissue, mm. Held tissue answers it with 100 N/mm.
+const TRANSFERRED_MM: f64 = 1e-5;
 /// Distance between samples of the regions along a path, mm.
 const SAMPLE_MM: f64 = 0.25;
 /// Halvings of it to where a region begins, 1e-13 mm.
 const HALVINGS: usize = 40;
 
 impl Finite {
-    /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). Whether there were any.
+    /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). True if there were any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
         let length = self.line.length_mm() + if advance > 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = false;
@@ -104,7 +104,7 @@ impl Finite {
         }
         let before = self.tip.reference;
         let tangent = self.line.at(self.line.length_mm()).tangent;
-        let behind = |front: &Point3<f64>| advance > 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
+        let behind = |front: &Point3<f64>| advance >= 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
         self.tip.front = self.tip.front.filter(behind);
         let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
@@ -146,7 +146,7 @@ impl Finite {
         self.leave_bare();
     }
 
-    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface that holds it: tissue
+    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface or bone that holds it: tissue
     /// that springs back as a surface breaks comes to rest there.
     fn pass(&mut self, before: &Point3<f64>, at_rest: &Point3<f64>, place: Place) -> Place {
         let pieces = ((at_rest - before).norm() / SAMPLE_MM).ceil();
@@ -188,7 +188,7 @@ impl Finite {
             return false;
         };
         self.meet_surface(region);
-        self.tip.surface.is_some()
+        self.tip.surface.is_some() || of.bone.is_some()
     }
 
     /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
@@ -230,11 +230,15 @@ impl Finite {
         let pieces = ((ahead - laid) / SAMPLE_MM).ceil().max(1.0);
         for piece in 0..pieces as usize {
             let middle = before + (self.tip.reference - before) * ((piece as f64 + 0.5) / pieces);
-            last.lengthen(self.anatomy.region(&middle), (ahead - laid) / pieces);
+            let region = self.anatomy.region(&middle);
+            // The shaft does not come into bone.
+            let is_bone = interaction(self.anatomy.as_ref(), region).bone.is_some();
+            let behind = last.layers.last().map_or(last.region, |layer| layer.region);
+            last.lengthen(if is_bone { behind } else { region }, (ahead - laid) / pieces);
         }
     }
 
-    /// Whether the tip has left the elements around the last node, if there is one, and is far enough from it.
+    /// True if the tip has left the elements around the last node, if there is one, and is far enough from it.
     fn wants_node(&self, place: &Place) -> bool {
         let spacing = self.options.spacing_mm;
         let refused = self

@@ -101,7 +101,7 @@ impl Press {
         Isometry3::from_parts(pose.translation, turned)
     }
 
-    /// Moves the probe, or takes it away. Whether other rows are held than before.
+    /// Moves the probe, or takes it away. True if other rows are held than before.
     pub fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
         self.find_places(condensed, forces);
         self.pose = pose.copied();

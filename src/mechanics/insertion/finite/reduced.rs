@@ -183,7 +183,7 @@ impl Reduced {
         Matrix3::from_fn(|a, b| self.compliance[(3 * column + b) * room + 3 * row + a])
     }
 
-    /// What the probe prescribes along its rows, mm.
+    /// Sets the displacements that the probe prescribes along its rows, mm.
     pub fn press(&mut self, displacements: impl Iterator<Item = f64>) {
         let room = self.room();
         self.held.clear();

@@ -46,7 +46,7 @@ fn foreign(error: impl Display) -> StepError {
 }
 
 impl State {
-    /// Whether it can be one of this mesh and probe: every number that counts something of them is in its range.
+    /// Checks that it is of this mesh and probe: every index and count is in range.
     fn check(&self, adaptation: &Adaptation, press: Option<&Press>) -> Result<(), StepError> {
         let mesh = adaptation.mesh();
         let [nodes, elements] = [mesh.nodes().len(), mesh.elements().len()];

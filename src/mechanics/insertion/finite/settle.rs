@@ -13,7 +13,7 @@ const FARTHEST_MM: f64 = 5.0;
 const MOST_UNSETTLED: usize = 3;
 /// The least share of the way to a solution that an iteration goes.
 const LEAST_SHARE: f64 = 1e-3;
-/// What still moves by more when its iterations end is given up, mm.
+/// Motion in the last iteration above which an attempt is given up, mm.
 const LOST_MM: f64 = 0.1;
 /// Halves of a way that does not settle are halved again while they are longer, mm,
 const LEAST_PART_MM: f64 = 0.01;
@@ -22,7 +22,7 @@ const MOST_ATTEMPTS: usize = 6;
 /// A load that fades is gone below this, N.
 const FADED_N: f64 = 1e-12;
 
-/// What iterations have ended at.
+/// Outcome of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Found {
     /// An equilibrium that holds.

@@ -101,7 +101,7 @@ pub enum InvalidSetup {
     Candidate {
         /// The node.
         node: u32,
-        /// What is wrong with it.
+        /// The fault.
         reason: &'static str,
     },
     /// The mesh cannot be assembled.
@@ -122,7 +122,7 @@ pub enum InvalidSetup {
 }
 
 impl InvalidSetup {
-    /// Whether the machine failed rather than the input: too little memory, or a device.
+    /// True if the machine failed rather than the input: too little memory, or a device.
     pub fn is_machine(&self) -> bool {
         matches!(
             self,

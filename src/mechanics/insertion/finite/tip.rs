@@ -21,7 +21,7 @@ const AT_NODE: f64 = 0.999;
 pub(super) struct Tip {
     /// The effective base: where the hand has it, or behind, with the tip at bone.
     pub base: Option<Isometry3<f64>>,
-    /// Whether it has come out of the tissue on another side.
+    /// True once it has come out of the tissue on another side.
     pub outside: bool,
     /// The element it is in, or beside.
     pub element: Option<u32>,
@@ -43,7 +43,7 @@ pub(super) struct Tip {
     pub found: Option<Place>,
     /// The tissue at the tip, as a row of the system; none where nothing is cut, or the last node on the needle is there.
     pub row: Option<TipRow>,
-    /// Whether the last node on the needle is at the tip: it is what is cut then.
+    /// True if the last node on the needle is at the tip: the cutting force acts on it then.
     pub at_node: bool,
     /// Nodes in the system that are neither on the needle nor on the probe: corners of the element at the tip.
     pub corners: Vec<u32>,
@@ -100,7 +100,7 @@ impl Tip {
         held
     }
 
-    /// What bone does to the tip of a needle that does not bend, N: it grows with how far the hand would have the tip in it.
+    /// Force of bone on the tip of a needle that does not bend, N: it grows with how far the hand would have the tip in it.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
         let Some(met) = self.bone.filter(|_| !self.at_bone()) else {
             return Vector3::zeros();
@@ -173,7 +173,7 @@ impl Finite {
         self.tip.surface.unwrap_or(cutting)
     }
 
-    /// What the tip acts on.
+    /// The slider of the cutting force.
     fn tip_slider(&mut self) -> Option<&mut Slider> {
         let at_node = self.tip.at_node;
         let last = self
@@ -273,7 +273,7 @@ impl Finite {
         }
     }
 
-    /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. Whether the base is elsewhere now.
+    /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. True if the base has moved.
     pub(super) fn hold_at_bone(&mut self) -> bool {
         let Some(met) = &mut self.tip.bone else { return false };
         let asked = met.asked(&self.line);
