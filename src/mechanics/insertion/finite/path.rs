@@ -29,7 +29,7 @@ const HALVINGS: usize = 40;
 impl Finite {
     /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). True if there were any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
-        let length = self.line.length_mm() + if advance > 0.0 { LOST_MM } else { BEYOND_MM };
+        let length = self.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = false;
         while self.contacts.last().is_some_and(|contact| contact.arc > length) {
             let Some(contact) = self.contacts.pop() else { break };
@@ -146,7 +146,7 @@ impl Finite {
         self.leave_bare();
     }
 
-    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface or bone that holds it: tissue
+    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface that holds it: tissue
     /// that springs back as a surface breaks comes to rest there.
     fn pass(&mut self, before: &Point3<f64>, at_rest: &Point3<f64>, place: Place) -> Place {
         let pieces = ((at_rest - before).norm() / SAMPLE_MM).ceil();
@@ -188,7 +188,7 @@ impl Finite {
             return false;
         };
         self.meet_surface(region);
-        self.tip.surface.is_some() || of.bone.is_some()
+        self.tip.surface.is_some()
     }
 
     /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
