@@ -5,6 +5,9 @@ use nalgebra::{Isometry3, Vector3};
 use super::Finite;
 use super::slider::State;
 
+/// A base that goes on by less rests, mm: rounding.
+const STILL_MM: f64 = 1e-9;
+
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
     pub(super) fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
@@ -63,7 +66,8 @@ impl Finite {
 
     /// How far the base goes on along the shaft, mm.
     fn advance_of(&self, base: &Isometry3<f64>) -> f64 {
-        self.tip.base.map_or(0.0, |before| advance(&before, base))
+        let advance = self.tip.base.map_or(0.0, |before| advance(&before, base));
+        if advance.abs() < STILL_MM { 0.0 } else { advance }
     }
 
     /// Nodes that slip go on as they did: a start that spares iterations.
