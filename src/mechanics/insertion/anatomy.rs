@@ -18,7 +18,8 @@ pub trait Anatomy: Send + Sync + Debug {
     fn interaction(&self, region: i32) -> Interaction;
 }
 
-/// Least distance in the tissue at rest between two crossings of a border, mm: a tip that wanders along one crosses it once.
+/// Least distance in the tissue at rest between two crossings of a border, mm: a tip that wanders along one
+/// crosses it once. Bone and critical regions are entered at once.
 pub(super) const BORDER_MM: f64 = 0.5;
 
 /// The interaction of a region with a needle; none outside.

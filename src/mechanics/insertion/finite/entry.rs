@@ -26,12 +26,7 @@ impl Finite {
         });
         (self.tip.element, self.tip.cut_mm) = (Some(place.element), depth);
         (self.tip.region, self.tip.crossed, self.tip.outside) = (Some(region), at_rest, false);
-        let of = self.of(region);
-        self.tip.critical = Some(region).filter(|_| of.critical);
-        if of.critical {
-            self.note(EventKind::Critical, point_mm, Some(region));
-        }
-        let bone = of.bone;
+        let bone = self.of(region).bone;
         if let Some(bone) = &bone {
             self.meet_bone(bone, &point_mm, region);
         }

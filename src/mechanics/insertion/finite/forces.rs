@@ -33,7 +33,7 @@ impl Finite {
             arc_mm: *arc_mm,
             force_n: -force,
         }));
-        if self.tip.in_bone() && !self.tip.at_bone() {
+        if self.tip.in_bone() && !self.tip.is_pinned() {
             loads.push(Load {
                 arc_mm: self.needle.length_mm(),
                 force_n: self.tip.bone_force(&self.line),

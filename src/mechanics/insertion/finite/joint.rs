@@ -198,7 +198,7 @@ impl Joint {
                 let gap = line.tip() - tip.reference - self.tissue.offset(at);
                 let local = self.frames[at].transpose() * gap;
                 // Bone pins the tip, tissue does not hold it across the shaft.
-                let rows = if tip.yields_mm_per_n > 0.0 { 3 } else { 1 };
+                let rows = if tip.compliance_mm_per_n > 0.0 { 3 } else { 1 };
                 self.rows.extend(3 * at..3 * at + rows);
                 self.right.extend(local.iter().take(rows));
             }

@@ -19,7 +19,7 @@ const BEYOND_MM: f64 = 0.05;
 const LOST_MM: f64 = 20.0;
 /// Iterations of [`Finite::transfer`] at most,
 const TRANSFERS: usize = 20;
-/// and where they end: motion of the tip in the tissue, mm. Held tissue answers it with 100 N/mm.
+/// and the motion of the tip in the tissue at which they end, mm: tissue beside a support is as stiff as 100 N/mm.
 const TRANSFERRED_MM: f64 = 1e-5;
 /// Distance between samples of the regions along a path, mm.
 const SAMPLE_MM: f64 = 0.25;
@@ -127,7 +127,7 @@ impl Finite {
             self.stop_at_bone(region, advance);
             return false;
         }
-        if self.tip.at_bone() {
+        if self.tip.is_pinned() {
             return false;
         }
         self.tip.found = Some(place).filter(|_| !self.contacts.is_empty());
@@ -169,24 +169,14 @@ impl Finite {
         let region = self.anatomy.region(&self.tip.reference);
         let of = interaction(self.anatomy.as_ref(), region);
         let same = region == self.tip.region || self.tip.front.is_some();
-        let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none();
-        let crosses = !same && !near;
-        if crosses {
-            (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
-            if region.is_some() {
-                self.note(EventKind::Region, self.line.tip(), region);
-            }
-        }
-        let is_told = self.tip.critical == region;
-        if of.critical && !is_told {
-            self.note(EventKind::Critical, self.line.tip(), region);
-        }
-        if of.critical || crosses {
-            self.tip.critical = region.filter(|_| of.critical);
-        }
-        let Some(region) = region.filter(|_| crosses) else {
+        let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none() && !of.critical;
+        if same || near {
             return false;
-        };
+        }
+        (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
+        let Some(region) = region else { return false };
+        let tip = self.line.tip();
+        self.note(EventKind::Region, tip, Some(region));
         self.meet_surface(region);
         self.tip.surface.is_some()
     }

@@ -30,7 +30,7 @@ pub(super) struct TipRow {
     /// Nodes of the compliance, and their shares.
     pub shares: [(usize, f64); 4],
     /// Of bone, by itself.
-    pub yields_mm_per_n: f64,
+    pub compliance_mm_per_n: f64,
     /// In the reference state, mm.
     pub reference: nalgebra::Point3<f64>,
     pub slider: Slider,
@@ -122,7 +122,7 @@ impl Reduced {
         }
         self.eliminate(first, first + 3);
         for column in first..first + 3 {
-            self.compliance[column * room + column] += tip.yields_mm_per_n;
+            self.compliance[column * room + column] += tip.compliance_mm_per_n;
         }
     }
 

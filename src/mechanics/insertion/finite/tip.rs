@@ -35,8 +35,6 @@ pub(super) struct Tip {
     pub cut_mm: f64,
     /// Where it was in the reference state before a change of the mesh that left it behind: up to there it cuts again, without events.
     pub front: Option<Point3<f64>>,
-    /// The critical region that was told last, while the tip is in it or near.
-    pub critical: Option<i32>,
     /// In the reference state, mm.
     pub reference: Point3<f64>,
     /// A place found, not yet in the system.
@@ -79,14 +77,14 @@ impl Tip {
         self.bone.is_some()
     }
 
-    /// True where bone is among the contacts, as of a needle that bends.
-    pub fn at_bone(&self) -> bool {
-        self.row.as_ref().is_some_and(|row| row.yields_mm_per_n > 0.0)
+    /// True where bone pins the tip, as of a needle that bends.
+    pub fn is_pinned(&self) -> bool {
+        self.row.as_ref().is_some_and(|row| row.compliance_mm_per_n > 0.0)
     }
 
     /// Takes away the tissue at the tip.
     pub fn forget_row(&mut self) {
-        if !self.at_bone() {
+        if !self.is_pinned() {
             self.row = None;
         }
         self.at_node = false;
@@ -102,7 +100,7 @@ impl Tip {
 
     /// Force of bone on the tip of a needle that does not bend, N: it grows with how far the hand would have the tip in it.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
-        let Some(met) = self.bone.filter(|_| !self.at_bone()) else {
+        let Some(met) = self.bone.filter(|_| !self.is_pinned()) else {
             return Vector3::zeros();
         };
         let tangent = line.at(line.length_mm()).tangent;
@@ -151,7 +149,7 @@ impl Finite {
         let cutting = self.cutting();
         match (&mut self.tip.row, self.contacts.last_mut()) {
             (Some(row), _) => {
-                let most = if row.yields_mm_per_n > 0.0 {
+                let most = if row.compliance_mm_per_n > 0.0 {
                     f64::INFINITY
                 } else {
                     cutting
@@ -213,7 +211,7 @@ impl Finite {
         };
         TipRow {
             shares: std::array::from_fn(share),
-            yields_mm_per_n: 0.0,
+            compliance_mm_per_n: 0.0,
             reference: self.adaptation.mesh().point(place.element, place.bary).into(),
             slider,
         }
@@ -242,6 +240,9 @@ impl Finite {
     /// A surface before the tip withstands more than the tissue behind it: it holds until it breaks.
     pub(super) fn meet_surface(&mut self, region: i32) {
         let ahead = self.of(region);
+        if ahead.critical {
+            self.note(EventKind::Critical, self.line.tip(), Some(region));
+        }
         let breaks =
             ahead.puncture_n > ahead.cutting_n && !self.channel.holds(&self.tip.reference, self.needle.radius_mm());
         self.tip.surface = breaks.then_some(ahead.puncture_n);
@@ -266,7 +267,7 @@ impl Finite {
         if self.needle.is_flexible() {
             self.tip.row = Some(TipRow {
                 shares: [(0, 0.0); 4],
-                yields_mm_per_n: 1.0 / bone.stiffness_n_per_mm,
+                compliance_mm_per_n: 1.0 / bone.stiffness_n_per_mm,
                 reference: *at,
                 slider: Slider::new(State::Stuck),
             });
@@ -282,7 +283,7 @@ impl Finite {
         met.behind = behind;
         if asked < 0.0 {
             self.tip.bone = None;
-            self.tip.row = self.tip.row.take().filter(|row| row.yields_mm_per_n == 0.0);
+            self.tip.row = self.tip.row.take().filter(|row| row.compliance_mm_per_n == 0.0);
         }
         moved
     }

@@ -178,7 +178,7 @@ impl MassSpring {
         let reference = tip + back;
         let region = self.anatomy.region(&reference);
         let of = interaction(self.anatomy.as_ref(), region);
-        let near = (reference.coords - self.body.crossed).norm() < BORDER_MM;
+        let near = (reference.coords - self.body.crossed).norm() < BORDER_MM && !of.critical;
         // Bone is not where springs would have carried it.
         if of.bone.is_none() && !near && std::mem::replace(&mut self.body.region, region) != region {
             self.body.crossed = reference.coords;
