@@ -324,3 +324,36 @@ fn a_needle_that_stops_keeps_its_force() {
     }
     assert!(stopped >= 6, "{stopped}");
 }
+
+/// A step that changes the mesh is as smooth as any other while the needle goes in.
+#[test]
+fn changes_of_the_mesh_are_not_felt() {
+    let cut = Interaction { cutting_n: 0.5, ..FAT };
+    for cell in [6.0, 12.0] {
+        let mut finite = carried(&Layers(vec![(0.0, cut)]), cell, 5.0);
+        let steps = travel(&mut finite, -1.0, 45.0, 0.05);
+        let (mut changes, mut most) = (0, 0.0_f64);
+        for pair in steps.windows(2).filter(|pair| pair[1].remeshes > 0) {
+            changes += 1;
+            most = most.max((resistance(&pair[1]) - resistance(&pair[0])).abs());
+        }
+        assert!(changes >= 4 && most < 0.02, "{changes} changes, {most} N, cells of {cell} mm");
+    }
+}
+
+/// A critical structure thinner than the distance between two crossings of a border is told, each time the needle enters it.
+#[test]
+fn thin_critical_layers_are_told() {
+    let wall = Interaction { critical: true, ..FAT };
+    let layers = Layers(vec![(0.0, FAT), (20.0, FAT), (20.3, wall), (20.45, FAT)]);
+    let mut finite = carried(&layers, 12.0, 20.0);
+    let mut steps = travel(&mut finite, -1.0, 35.0, 0.05);
+    let told = |steps: &[Outcome]| {
+        let events = events(steps);
+        events.iter().filter(|event| event.kind == EventKind::Critical).count()
+    };
+    assert_eq!(told(&steps), 1);
+    steps = travel(&mut finite, 35.0, 5.0, 0.05);
+    steps.extend(travel(&mut finite, 5.0, 35.0, 0.05));
+    assert!(told(&steps) >= 1, "{:?}", surfaces(&steps));
+}

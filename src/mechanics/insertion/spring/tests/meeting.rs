@@ -235,3 +235,18 @@ fn a_border_is_crossed_once() {
     let crossings = found.iter().filter(|event| event.0 == EventKind::Region).count();
     assert_eq!(crossings, 1, "{found:?}");
 }
+
+#[test]
+fn a_thin_critical_layer_is_told() {
+    let of = |critical| Interaction {
+        critical,
+        ..Interaction::default()
+    };
+    let layers = Layers {
+        at: vec![0.0, 20.0, 20.3, 20.45],
+        of: [false, false, true, false].map(of).to_vec(),
+    };
+    let found = events(&mut model(Parameters::default(), layers), [-1.0, 25.0], 20.0);
+    let told = found.iter().filter(|event| event.0 == EventKind::Critical).count();
+    assert_eq!(told, 1, "{found:?}");
+}
