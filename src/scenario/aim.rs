@@ -22,6 +22,10 @@ const OFFSETS_MM: [f64; 2] = [10.0, 60.0];
 const OFFSET_STEP_MM: f64 = 5.0;
 /// Least distance from bone of a path that is chosen, mm.
 const CLEAR_MM: f64 = 3.0;
+/// A stated entry within this distance of the skin is taken as it is, mm;
+const ON_SKIN_MM: f64 = 3.0;
+/// the skin is looked for in steps of this length, mm.
+const SKIN_STEP_MM: f64 = 0.25;
 /// Distance of the tip from the entry at the start, mm.
 const APPROACH_MM: f64 = 10.0;
 /// Distance of the mesh's box from the path, mm.
@@ -73,7 +77,7 @@ impl ScenarioFile {
             ));
         }
         let chosen = match &self.needle_table()?.entry {
-            Some(EntrySpec::At(entry)) => self.stated(&body, &goal, *entry, needle)?,
+            Some(EntrySpec::At(entry)) => self.stated(&body, &goal, *entry, needle, &mut warnings)?,
             Some(EntrySpec::Named(other)) if other != BESIDE => {
                 let expected = format!("\"{BESIDE}\" or a point [x, y, z] on the skin, mm");
                 return Err(self.wrong_keys("needle.entry", format!("\"{other}\""), expected));
@@ -168,23 +172,44 @@ impl ScenarioFile {
         })
     }
 
+    /// A stated entry, moved along its line to the target onto the skin, with a warning, where it lies beside it.
     fn stated(
         &self,
         body: &Body<'_>,
         goal: &Goal,
         entry: [f64; 3],
         needle: &NeedleSettings,
+        warnings: &mut Vec<String>,
     ) -> Result<Candidate, ScenarioError> {
-        let entry = self.place("needle.entry", entry)?;
-        let depth_mm = (goal.tip - entry).norm();
+        let stated = self.place("needle.entry", entry)?;
+        let away = stated - goal.tip;
+        let found = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
         let reach = needle.length_mm - APPROACH_MM;
+        let expected = format!("1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)", needle.length_mm);
+        if away.norm() < 1.0 {
+            return Err(self.wrong_keys("needle.entry", found(""), expected));
+        }
+        let outward = away.normalize();
+        let is_inside = |mm: f64| {
+            let label = body.volume.label_index_at(&(goal.tip + outward * mm));
+            label.is_some_and(|label| label > 0 && !body.is_outside(label))
+        };
+        let step = if is_inside(away.norm()) { SKIN_STEP_MM } else { -SKIN_STEP_MM };
+        let from_stated = (0..).map(|at| away.norm() + step * f64::from(at));
+        let mut along = from_stated.take_while(|mm| *mm >= 0.0);
+        let skin = along.find(|mm| is_inside(*mm) != (step > 0.0)).unwrap_or(0.0);
+        let moved = (skin - away.norm()).abs();
+        let (entry, depth_mm) = if moved > ON_SKIN_MM { (goal.tip + outward * skin, skin) } else { (stated, away.norm()) };
         if !(1.0..=reach).contains(&depth_mm) {
-            let found = format!("an entry {depth_mm:.0} mm from {}", goal.name);
-            let expected = format!(
-                "1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)",
-                needle.length_mm
-            );
+            let skin = format!(", on whose line the skin is {skin:.0} mm from it");
+            let found = found(if moved > ON_SKIN_MM { &skin } else { "" });
             return Err(self.wrong_keys("needle.entry", found, expected));
+        }
+        if moved > ON_SKIN_MM {
+            let side = if step > 0.0 { "inside" } else { "outside" };
+            warnings.push(format!(
+                "needle.entry: the stated point lies {moved:.0} mm {side} the skin; the needle enters where its line meets the skin"
+            ));
         }
         Ok(Candidate {
             course: Bones::around(body, &[entry, goal.tip]).course(&[entry, goal.tip]),
@@ -242,6 +267,12 @@ impl ScenarioFile {
     }
 
     fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> ScenarioError {
+        let target = body.volume.label_index_at(&goal.tip);
+        if target.is_some_and(|label| body.is_bone(label)) {
+            let found = format!("{}, which is bone", goal.name);
+            let expected = "a target in soft tissue, or `needle.entry` as a point [x, y, z] on the skin for a path that ends at bone";
+            return self.wrong_keys("needle.target", found, expected);
+        }
         let passed = candidates.iter().filter_map(|it| it.course.nearest);
         let found = match passed.max_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((label, away)) => format!(

@@ -120,7 +120,7 @@ impl<'a> Bones<'a> {
 
 impl Body<'_> {
     /// True of a label whose tissue is as stiff as bone.
-    fn is_bone(&self, label: u8) -> bool {
+    pub(super) fn is_bone(&self, label: u8) -> bool {
         self.tissues.of(label).young_kpa >= RIGID_KPA
     }
 }

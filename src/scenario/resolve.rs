@@ -226,6 +226,16 @@ impl ScenarioFile {
             tissue.anatomy.as_ref(),
             file.tissue.mesh.is_some(),
         ));
+        for (region, of) in &tissue.interactions {
+            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
+                warnings.push(format!(
+                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N)",
+                    tissue.region_names.get(region).map_or_else(|| format!("region {region}"), String::clone),
+                    of.puncture_n,
+                    of.cutting_n
+                ));
+            }
+        }
         let candidates = tissue.contact.as_ref().map(|contact| contact.probe.candidates.len());
         if let Some(few @ 1..FEW_CANDIDATES) = candidates {
             warnings.push(format!(

@@ -63,6 +63,23 @@ fn a_needle_enters_beside_the_probe_and_goes_to_its_target() {
     );
 }
 
+/// An entry stated in the air or inside the body is moved along its line onto the skin, and that is told.
+#[test]
+fn a_stated_entry_is_moved_onto_the_skin() {
+    let chosen = resolved(AIMED).expect("a scenario");
+    let keys_of = keys(&chosen);
+    let (start, tip) = (keys_of[0].1, keys_of[1].1);
+    for (from_start_mm, told) in [(-20.0, Some("outside the skin")), (10.0, None), (35.0, Some("inside the skin"))] {
+        let entry = start + (tip - start).normalize() * from_start_mm;
+        let stated = format!("{AIMED}entry = [{}, {}, {}]", entry.x, entry.y, entry.z);
+        let scenario = resolved(&stated).expect("a scenario");
+        assert!((keys(&scenario)[0].1 - start).norm() < 5.0, "{from_start_mm}: {:?}", keys(&scenario));
+        let warned = scenario.warnings.iter().find(|warning| warning.starts_with("needle.entry"));
+        assert_eq!(warned.is_some(), told.is_some(), "{:?}", scenario.warnings);
+        assert!(told.is_none_or(|words| warned.is_some_and(|it| it.contains(words))), "{warned:?}");
+    }
+}
+
 #[test]
 fn the_lines_that_are_told_state_the_same() {
     let aimed = resolved(AIMED).expect("a scenario");
@@ -115,6 +132,12 @@ fn what_cannot_be_aimed_is_refused_at_its_line() {
             "[needle]\ntarget = \"lesion\"\nmotion.csv = \"a.csv\"",
             15,
             "each moves the needle",
+        ),
+        (
+            "[needle]\ntarget = \"lesion\"",
+            "[needle]\ntarget = \"vertebra\"",
+            15,
+            "which is bone",
         ),
         ("[needle]", far, 14, "no skin beside the probe"),
         (

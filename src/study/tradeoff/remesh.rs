@@ -6,8 +6,8 @@
 //! refinement in the same run: K^c, sampled columns of K^-1 and the displacements under a fixed load in some states of the first
 //! insertion, of which the worst counts, and K^c again after more and more updates.
 //!
-//! What a contender promises is checked: one that claims to be exact up to rounding must leave a residual |K X e - e| and an
-//! error of K^c below the limits at which the levels rebuild themselves (see
+//! What a contender promises is checked: one that claims to be exact up to rounding must leave a relative residual |K X e - e| / (|K| |X e|) and
+//! errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
 //! [`Options`](crate::mechanics::tissue::remesh::Options)), or its row is flagged.
 //!
 //! | module | what it holds |
@@ -145,7 +145,7 @@ pub struct Measured {
     /// Updates after which everything was computed anew.
     pub rebuilds: usize,
     /// The worst of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and
-    /// 2-norms; the largest |K X e - e| over the sampled columns; the largest error of displacements for each newton of load, mm.
+    /// 2-norms; the relative residual of the sampled columns; the largest error of displacements for each newton of load, mm.
     pub errors: Option<[f64; 5]>,
     /// Error of K^c after so many updates.
     pub drift: Vec<(usize, f64)>,

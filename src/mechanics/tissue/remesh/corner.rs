@@ -43,14 +43,6 @@ pub enum NoCorner {
         /// How many there are.
         elements: usize,
     },
-    /// The two elements do not share a face.
-    #[error("elements {from} and {to} share no face")]
-    Face {
-        /// The element left.
-        from: u32,
-        /// The element entered.
-        to: u32,
-    },
     /// None of the nodes can be moved to the tip.
     #[error("no node can be moved to the tip at {tip:?} mm (element {element}): {}", list(.unfit))]
     NoneFits {
@@ -96,46 +88,6 @@ pub fn best_corner(
         }
     }
     best.ok_or(NoCorner::NoneFits { element, tip, unfit })
-}
-
-/// The node to move to `tip` (mm, reference state) by the rule of Dehghan et al. 2008 (section on mesh adaptation):
-/// the nearest node of the face that the tip has just crossed, from element `from` into element `to`. Of equally near nodes
-/// the lowest is taken. Where the nearest is fixed, `taken` or cannot be moved, the next nearest of the face is tried.
-///
-/// # Errors
-/// [`NoCorner`], with what is wrong with each of the three nodes.
-pub fn nearest_of_face(
-    mesh: &AdaptedMesh,
-    from: u32,
-    to: u32,
-    tip: [f64; 3],
-    taken: impl Fn(u32) -> bool,
-) -> Result<Corner, NoCorner> {
-    let left = corners_of(mesh, from)?;
-    let mut face: Vec<u32> = corners_of(mesh, to)?
-        .into_iter()
-        .filter(|node| left.contains(node))
-        .collect();
-    if face.len() != 3 {
-        return Err(NoCorner::Face { from, to });
-    }
-    let distance = |node: &u32| -> f64 {
-        let position = mesh.nodes()[*node as usize];
-        (0..3).map(|axis| (position[axis] - tip[axis]).powi(2)).sum()
-    };
-    face.sort_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
-    let mut unfit = Vec::new();
-    for node in face {
-        match try_node(mesh, node, tip, &taken) {
-            Ok(corner) => return Ok(corner),
-            Err(reason) => unfit.push(reason),
-        }
-    }
-    Err(NoCorner::NoneFits {
-        element: to,
-        tip,
-        unfit,
-    })
 }
 
 fn corners_of(mesh: &AdaptedMesh, element: u32) -> Result<[u32; 4], NoCorner> {

@@ -38,17 +38,17 @@ pub enum Promise {
 impl Promise {
     /// What was found against it, if anything.
     pub fn broken(self, measured: &Measured) -> Option<String> {
-        // The last is in mm, and follows from the others.
-        let relative = measured.errors.iter().flat_map(|errors| &errors[..4]);
-        let errors = relative.copied();
-        let found = errors.chain(measured.drift.iter().map(|(_, error)| *error));
-        if found.clone().any(|error| !error.is_finite()) {
-            return Some("errors are not finite".to_owned());
+        // The error in mm follows from the others.
+        const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
+        let errors = measured.errors.iter().flatten().zip(KINDS);
+        let drift = measured.drift.iter().map(|(_, error)| (error, "K^c"));
+        let found = errors.chain(drift);
+        if let Some((_, kind)) = found.clone().find(|(error, _)| !error.is_finite()) {
+            return Some(format!("{kind}: not finite"));
         }
         let Promise::Exact { limit } = self else { return None };
-        let worst = found.fold(0.0, f64::max);
-        (worst > limit)
-            .then(|| format!("off by {worst:.1e}, though exact up to rounding: at most {limit:.0e} is expected"))
+        let (worst, kind) = found.max_by(|a, b| a.0.total_cmp(b.0))?;
+        (*worst > limit).then(|| format!("{kind} off by {worst:.1e}, at most {limit:.0e} expected of an exact level"))
     }
 }
 

@@ -110,7 +110,7 @@ impl Gold {
         !self.samples.is_empty()
     }
 
-    /// Relative errors of sampled columns of K^-1, of K^c and of displacements; the largest |K X e - e| over the samples; and
+    /// Relative errors of sampled columns of K^-1, of K^c and of displacements; the relative residual; and
     /// the largest error of displacements where the load is scaled to one newton in all, mm.
     ///
     /// # Errors
@@ -132,6 +132,8 @@ impl Gold {
         ])
     }
 
+    /// The largest |K X e - e| / (|K| |X e|) over the samples, in infinity norms (J. L. Rigal and J. Gaches, "On the compatibility of a
+    /// given solution with the data of a linear system", Journal of the ACM 14, 1967).
     fn residual(&self, columns: MatRef<'_, f64>) -> f64 {
         let mut product = vec![0.0; columns.nrows()];
         let mut worst = 0.0f64;
@@ -139,10 +141,12 @@ impl Gold {
             let values: Vec<f64> = column.iter().copied().collect();
             self.stiffness.multiply(&values, &mut product);
             product[dof] -= 1.0;
+            let scale = self.stiffness.norm_inf() * largest(values.iter().copied());
             for value in &product {
                 // Not `max`, which forgets what is undefined.
-                if value.is_nan() || value.abs() > worst {
-                    worst = value.abs();
+                let value = value.abs() / scale;
+                if value.is_nan() || value > worst {
+                    worst = value;
                 }
             }
             if worst.is_nan() {

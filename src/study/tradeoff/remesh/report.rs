@@ -83,7 +83,7 @@ const AXES: [Axis; 17] = [
     Axis::log(
         "residual",
         "residual",
-        "largest residual |K X e - e| of sampled columns e, X being the inverse",
+        "relative residual |K X e - e| / (|K| |X e|) of sampled columns e, X being the inverse (infinity norms)",
     ),
     Axis::log(
         "error_drift",

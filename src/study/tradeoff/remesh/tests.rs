@@ -270,11 +270,11 @@ fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
     );
     let (_, _, row) = wrong.wrong().next().unwrap();
     assert!(
-        row.flag.as_ref().unwrap().contains("exact up to rounding")
+        row.flag.as_ref().unwrap().contains("expected of an exact level")
             && row.choices.contains(&"exact, columns on demand".to_owned())
     );
     let page = wrong.page().unwrap();
-    assert!(page.contains("WRONG: off by") && !right.page().unwrap().contains("WRONG"));
+    assert!(page.contains("WRONG: K") && !right.page().unwrap().contains("WRONG"));
     assert_eq!(
         wrong.chapters[0].sections[0].advice[0].take, None,
         "it is never advised"
