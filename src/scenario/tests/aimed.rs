@@ -135,7 +135,7 @@ fn what_cannot_be_aimed_is_refused_at_its_line() {
         ),
         (
             "[needle]\ntarget = \"lesion\"",
-            "[needle]\ntarget = \"vertebra\"",
+            "[needle]\ntarget = \"bone\"",
             15,
             "which is bone",
         ),
