@@ -3,11 +3,13 @@ struct Params {
     seed: vec2<u32>,
     samples: u32,
     frame: u32,
+    noise: f32,
+    unused: array<u32, 3>,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
-@group(0) @binding(2) var<storage, read> power: array<f32>;
+@group(0) @binding(2) var<storage, read> clutter: array<f32>;
 @group(0) @binding(3) var<storage, read_write> amplitudes: array<f32>;
 
 fn six_bytes(words: vec3<u32>) -> i32 {
@@ -20,6 +22,10 @@ fn white(line: u32, sample: i32) -> vec2<i32> {
     return vec2<i32>(six_bytes(first), six_bytes(pcg3d(first)));
 }
 
+fn smoothed(line: u32, sample: i32) -> vec2<i32> {
+    return white(line, sample - 1) + 2 * white(line, sample) + white(line, sample + 1);
+}
+
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
@@ -30,8 +36,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let sample = i32(id.x);
-    let signal = white(id.y, sample - 1) + 2 * white(id.y, sample) + white(id.y, sample + 1);
+    let signal = smoothed(id.y, sample) + smoothed(id.y + 1u, sample);
     let drawn = f32(signal.x * signal.x + signal.y * signal.y);
     let echo = amplitudes[index];
-    amplitudes[index] = sqrt(echo * echo + power[id.x] * drawn);
+    amplitudes[index] = sqrt(echo * echo + (clutter[index] + params.noise * drawn));
 }

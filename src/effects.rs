@@ -11,6 +11,7 @@ pub mod lateral;
 pub mod needle;
 pub mod noise;
 pub mod pass;
+pub mod point_spread;
 pub mod quantise;
 pub mod receiver;
 pub mod scan_conversion;

@@ -19,37 +19,33 @@ use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
 
 /// Radial blur.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Blur {
-    /// Full width at half maximum at the array, mm (0 to 20).
-    pub width_mm: f64,
-    /// Growth of that width with depth, mm per cm (0 to 5).
-    pub growth_mm_cm: f64,
-}
-
-impl Default for Blur {
-    fn default() -> Self {
-        Self {
-            width_mm: 0.6,
-            growth_mm_cm: 0.06,
-        }
-    }
+    /// Full width at half maximum at the array, mm (0 to 20); none is 2.1 mm over the frequency in MHz.
+    pub width_mm: Option<f64>,
+    /// Growth of that width with depth, mm per cm (0 to 5); none is 0.21 mm/cm over the frequency in MHz.
+    pub growth_mm_cm: Option<f64>,
 }
 
 impl Blur {
     /// Checks the ranges.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        within("blur.width_mm", self.width_mm, 0.0..=20.0)?;
-        within("blur.growth_mm_cm", self.growth_mm_cm, 0.0..=5.0)
+        within("blur.width_mm", self.width_mm.unwrap_or(0.0), 0.0..=20.0)?;
+        within("blur.growth_mm_cm", self.growth_mm_cm.unwrap_or(0.0), 0.0..=5.0)
+    }
+
+    /// Full width at half maximum at a depth, mm: 0.6 mm and 0.06 mm/cm at 3.5 MHz, and in proportion to the wavelength.
+    pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+        let width = self.width_mm.unwrap_or((2.1 / frequency_mhz).min(20.0));
+        width + self.growth_mm_cm.unwrap_or((0.21 / frequency_mhz).min(5.0)) * depth_mm / 10.0
     }
 
     /// Weights at each sample depth.
-    pub fn kernel(&self, grid: &BeamGrid) -> LateralKernel {
+    pub fn kernel(&self, grid: &BeamGrid, frequency_mhz: f64) -> LateralKernel {
         let sigma_lines = |sample: usize| {
             let depth = grid.sample_depth_mm(sample);
-            let width_mm = self.width_mm + self.growth_mm_cm * depth / 10.0;
-            width_mm / FWHM_PER_SIGMA / grid.lateral_spacing_mm(depth).max(1e-6)
+            self.width_at(depth, frequency_mhz) / FWHM_PER_SIGMA / grid.lateral_spacing_mm(depth).max(1e-6)
         };
         LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
     }
@@ -77,8 +73,8 @@ static PASSES: &[Pass] = &[Pass {
 fn wanted(tables: &Tables) -> Verdict {
     match &tables.settings.effects.blur {
         Some(blur) if tables.lines() > 1 => Ok(format!(
-            "the scene blurs laterally by {} mm and more with depth",
-            blur.width_mm
+            "the scene blurs laterally by {:.2} mm and more with depth",
+            blur.width_at(0.0, tables.settings.probe.frequency_mhz)
         )),
         Some(_) => Err("one scanline has no neighbours to blur with".into()),
         None => Err("the scene names no blur".into()),

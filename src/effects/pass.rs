@@ -69,8 +69,8 @@ pub enum Resource {
     NeedleMask,
     /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
     Loss,
-    /// Per sample depth: power of noise and clutter, per unit drawn (`f32`).
-    ReceiverPower,
+    /// Per sample: power of acoustic clutter (`f32`).
+    Clutter,
     /// Per sample depth: linear gain (`f32`).
     Gain,
     /// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).

@@ -32,48 +32,34 @@ use crate::random::seed_words;
 use crate::synth::tables::Tables;
 
 /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity: what
-/// one measures on a frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// one measures on a frame. What is not stated follows the probe ([`super::point_spread`]).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Speckle {
-    /// Along the beam, mm (0.05 to 10).
-    pub axial_mm: f64,
-    /// Across scanlines at the focus, mm (0.05 to 20).
-    pub lateral_mm: f64,
-    /// Out of the plane, mm (0.05 to 20). More than 4 times the shortest of the three lengths comes out as 4 times.
-    pub elevational_mm: f64,
+    /// Along the beam, mm (0.05 to 10); none is 2.8 mm over the frequency in MHz.
+    pub axial_mm: Option<f64>,
+    /// Across scanlines at the focus, mm (0.05 to 20); none is 5.25 mm over the frequency in MHz, and for phased probes no less than
+    /// an aperture of 20 mm diffracts.
+    pub lateral_mm: Option<f64>,
+    /// Out of the plane, mm (0.05 to 20); none is 6.3 mm over the frequency in MHz. More than 4 times the shortest of the three
+    /// lengths comes out as 4 times.
+    pub elevational_mm: Option<f64>,
     /// Depth of the lateral focus, mm (0 to 1000); none is half the imaging depth.
     pub focus_mm: Option<f64>,
     /// Distance from the focus at which the lateral length has grown by sqrt 2, mm (1 to 10000): the Rayleigh length of a
-    /// Gaussian beam.
-    pub focal_zone_mm: f64,
-}
-
-impl Default for Speckle {
-    fn default() -> Self {
-        Self {
-            axial_mm: 0.8,
-            lateral_mm: 1.5,
-            elevational_mm: 1.8,
-            focus_mm: None,
-            focal_zone_mm: 50.0,
-        }
-    }
+    /// Gaussian beam; none is 175 mm over the frequency in MHz.
+    pub focal_zone_mm: Option<f64>,
 }
 
 impl Speckle {
     /// Checks the ranges.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        within("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
-        within("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
-        within("speckle.elevational_mm", self.elevational_mm, 0.05..=20.0)?;
-        within("speckle.focus_mm", self.focus_mm.unwrap_or(0.0), 0.0..=1000.0)?;
-        within("speckle.focal_zone_mm", self.focal_zone_mm, 1.0..=10_000.0)
-    }
-
-    fn lateral_at(&self, depth_mm: f64, imaging_depth_mm: f64) -> f64 {
-        let away = (depth_mm - self.focus_mm.unwrap_or(imaging_depth_mm / 2.0)) / self.focal_zone_mm;
-        self.lateral_mm * (1.0 + away * away).sqrt()
+        let stated = |key: &str, value: Option<f64>, range| value.map_or(Ok(()), |value| within(key, value, range));
+        stated("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
+        stated("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
+        stated("speckle.elevational_mm", self.elevational_mm, 0.05..=20.0)?;
+        stated("speckle.focus_mm", self.focus_mm, 0.0..=1000.0)?;
+        stated("speckle.focal_zone_mm", self.focal_zone_mm, 1.0..=10_000.0)
     }
 }
 
@@ -161,11 +147,11 @@ fn fine_lines(tables: &Tables) -> usize {
 
 fn wanted(tables: &Tables) -> Verdict {
     match (&tables.settings.effects.speckle, &tables.speckle) {
-        (Some(own), Some(derived)) => Ok(format!(
-            "speckle of {} by {} by {} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
-            own.axial_mm,
-            own.lateral_mm,
-            own.elevational_mm,
+        (Some(_), Some(derived)) => Ok(format!(
+            "speckle of {:.2} by {:.2} by {:.2} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
+            derived.spread.axial_mm,
+            derived.spread.lateral_mm,
+            derived.spread.elevational_mm,
             derived.lattice_mm,
             derived.planes.len(),
             derived.oversampling

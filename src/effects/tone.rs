@@ -18,6 +18,9 @@ use crate::synth::tables::Tables;
 /// grey level at 91 to 150 of 255.
 pub const MID_GREY: f64 = 0.42;
 
+/// Share of the grey scale that noise may reach by the compensation a scene does not state.
+pub const NOISE_GREY: f64 = 0.1;
+
 /// From echo amplitude to grey level.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -25,7 +28,7 @@ pub struct Tone {
     /// Overall gain, dB (-60 to 60).
     pub gain_db: f64,
     /// Time-gain compensation, dB per cm of depth (-20 to 20); none matches the attenuation of average soft tissue when
-    /// the scene simulates attenuation.
+    /// the scene simulates attenuation, down to where the receiver's noise would show.
     pub tgc_db_cm: Option<f64>,
     /// Further time-gain compensation: points `[depth_mm, dB]` in rising depth, linear between, flat outside.
     pub tgc_points: Vec<[f64; 2]>,
@@ -72,10 +75,18 @@ impl Tone {
         Ok(())
     }
 
-    /// Gain at a depth, dB. `attenuation_db_cm` is what the compensation matches where none is given.
-    pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
-        let slope = self.tgc_db_cm.unwrap_or(attenuation_db_cm);
-        self.gain_db + slope * depth_mm / 10.0 + self.curve_db(depth_mm)
+    /// Gain at a depth, dB. `attenuation_db_cm` is what the compensation matches where none is given; it then ends where noise of
+    /// `noise_db` would be shown at [`NOISE_GREY`].
+    pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64, noise_db: Option<f64>) -> f64 {
+        let compensation = self.tgc_db_cm.map_or_else(
+            || {
+                let shown_db = (NOISE_GREY - MID_GREY) * self.dynamic_range_db - self.gain_db;
+                let most = noise_db.map_or(f64::INFINITY, |noise_db| (shown_db - noise_db).max(0.0));
+                (attenuation_db_cm * depth_mm / 10.0).min(most)
+            },
+            |slope| slope * depth_mm / 10.0,
+        );
+        self.gain_db + compensation + self.curve_db(depth_mm)
     }
 
     fn curve_db(&self, depth_mm: f64) -> f64 {
@@ -233,8 +244,24 @@ mod tests {
             tgc_points: vec![[10.0, 0.0], [30.0, 4.0]],
             ..Tone::default()
         };
-        assert_eq!(tone.gain_at_db(0.0, 9.0), 1.0);
-        assert_eq!(tone.gain_at_db(20.0, 9.0), 1.0 + 4.0 + 2.0);
-        assert_eq!(tone.gain_at_db(50.0, 9.0), 1.0 + 10.0 + 4.0);
+        assert_eq!(tone.gain_at_db(0.0, 9.0, Some(-70.0)), 1.0);
+        assert_eq!(tone.gain_at_db(20.0, 9.0, None), 1.0 + 4.0 + 2.0);
+        assert_eq!(tone.gain_at_db(50.0, 9.0, Some(-10.0)), 1.0 + 10.0 + 4.0);
+    }
+
+    #[test]
+    fn compensation_ends_where_noise_would_show() {
+        let tone = Tone::default();
+        let noise = |depth: f64| {
+            let shown = -60.0 + tone.gain_at_db(depth, 9.0, Some(-60.0));
+            MID_GREY + shown / tone.dynamic_range_db
+        };
+        assert!((tone.gain_at_db(20.0, 9.0, Some(-60.0)) - 22.0).abs() < 1e-12);
+        assert!(
+            [60.0, 200.0]
+                .iter()
+                .all(|depth| (noise(*depth) - NOISE_GREY).abs() < 1e-12)
+        );
+        assert_eq!(tone.gain_at_db(100.0, 9.0, None), 94.0);
     }
 }

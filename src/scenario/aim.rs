@@ -185,7 +185,10 @@ impl ScenarioFile {
         let away = stated - goal.tip;
         let found = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
         let reach = needle.length_mm - APPROACH_MM;
-        let expected = format!("1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)", needle.length_mm);
+        let expected = format!(
+            "1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)",
+            needle.length_mm
+        );
         if away.norm() < 1.0 {
             return Err(self.wrong_keys("needle.entry", found(""), expected));
         }
@@ -194,12 +197,20 @@ impl ScenarioFile {
             let label = body.volume.label_index_at(&(goal.tip + outward * mm));
             label.is_some_and(|label| label > 0 && !body.is_outside(label))
         };
-        let step = if is_inside(away.norm()) { SKIN_STEP_MM } else { -SKIN_STEP_MM };
+        let step = if is_inside(away.norm()) {
+            SKIN_STEP_MM
+        } else {
+            -SKIN_STEP_MM
+        };
         let from_stated = (0..).map(|at| away.norm() + step * f64::from(at));
         let mut along = from_stated.take_while(|mm| *mm >= 0.0);
         let skin = along.find(|mm| is_inside(*mm) != (step > 0.0)).unwrap_or(0.0);
         let moved = (skin - away.norm()).abs();
-        let (entry, depth_mm) = if moved > ON_SKIN_MM { (goal.tip + outward * skin, skin) } else { (stated, away.norm()) };
+        let (entry, depth_mm) = if moved > ON_SKIN_MM {
+            (goal.tip + outward * skin, skin)
+        } else {
+            (stated, away.norm())
+        };
         if !(1.0..=reach).contains(&depth_mm) {
             let skin = format!(", on whose line the skin is {skin:.0} mm from it");
             let found = found(if moved > ON_SKIN_MM { &skin } else { "" });

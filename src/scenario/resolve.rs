@@ -230,7 +230,10 @@ impl ScenarioFile {
             if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
                 warnings.push(format!(
                     "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N)",
-                    tissue.region_names.get(region).map_or_else(|| format!("region {region}"), String::clone),
+                    tissue
+                        .region_names
+                        .get(region)
+                        .map_or_else(|| format!("region {region}"), String::clone),
                     of.puncture_n,
                     of.cutting_n
                 ));

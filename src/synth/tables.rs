@@ -11,6 +11,7 @@ use super::local_origin::LocalOrigin;
 use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
+use crate::effects::point_spread::PointSpread;
 use crate::effects::shadow::units;
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
@@ -67,6 +68,18 @@ pub struct Settings {
     pub has_needle: bool,
 }
 
+impl Settings {
+    /// Two-way attenuation of average soft tissue, dB/cm; none where no attenuation is simulated.
+    fn average_attenuation_db_cm(&self) -> f64 {
+        let shadow = &self.effects.shadow;
+        if shadow.as_ref().is_some_and(|shadow| shadow.attenuation) {
+            2.0 * SOFT_TISSUE_DB_CM_MHZ * self.probe.frequency_mhz
+        } else {
+            0.0
+        }
+    }
+}
+
 /// What imaging needs to know of one label.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -115,8 +128,8 @@ pub struct Tables {
     pub penumbra: Option<LateralKernel>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
-    /// Power of noise and clutter at each sample depth, per unit drawn; empty without a receiver.
-    pub receiver_power: Numbers,
+    /// Power of acoustic clutter at each sample; empty without a receiver.
+    pub clutter: Vec<f32>,
     /// Linear gain at each sample depth.
     pub gain: Numbers,
     /// Sizes of the buffers of the warp, if a mesh deforms.
@@ -144,10 +157,14 @@ impl Tables {
                 .effects
                 .speckle
                 .as_ref()
-                .map(|speckle| SpeckleTables::new(speckle, &grid)),
+                .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &settings.probe), &grid)),
             penumbra: settings.effects.shadow.as_ref().map(|shadow| shadow.kernel(&grid)),
-            blur: settings.effects.blur.as_ref().map(|blur| blur.kernel(&grid)),
-            receiver_power: Numbers::default(),
+            blur: settings
+                .effects
+                .blur
+                .as_ref()
+                .map(|blur| blur.kernel(&grid, settings.probe.frequency_mhz)),
+            clutter: Vec::new(),
             gain: Numbers::default(),
             warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
             grid,
@@ -155,7 +172,7 @@ impl Tables {
             anatomy,
             settings,
         };
-        tables.receiver_power = tables.receiver_table();
+        tables.clutter = tables.clutter();
         tables.gain = tables.gain_table();
         tables.atlas = texture::atlas(&tables.anatomy, &tables.settings)?;
         tables.label_rows = tables.rows();
@@ -178,8 +195,10 @@ impl Tables {
         let speckle = probe || old.effects.speckle != new.effects.speckle;
         let blur = probe || old.effects.blur != new.effects.blur;
         let shadow = probe || old.effects.shadow != new.effects.shadow;
-        let receiver = shadow || old.effects.receiver != new.effects.receiver;
-        let gain = shadow || old.effects.tone != new.effects.tone;
+        let attenuation = old.average_attenuation_db_cm() != new.average_attenuation_db_cm();
+        let clutter = attenuation || speckle || old.seed != new.seed || old.effects.receiver != new.effects.receiver;
+        let noise_db = |settings: &Settings| settings.effects.receiver.as_ref().map(|receiver| receiver.noise_db);
+        let gain = probe || attenuation || old.effects.tone != new.effects.tone || noise_db(old) != noise_db(new);
         let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
         let atlas = if texture {
             texture::atlas(&self.anatomy, new)?
@@ -207,11 +226,12 @@ impl Tables {
                 .effects
                 .speckle
                 .as_ref()
-                .map(|speckle| SpeckleTables::new(speckle, &self.grid));
+                .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &self.settings.probe), &self.grid));
             changed.extend([Resource::AxialKernel, Resource::LateralKernel]);
         }
         if blur {
-            self.blur = self.settings.effects.blur.as_ref().map(|blur| blur.kernel(&self.grid));
+            let (own, mhz) = (&self.settings.effects.blur, self.settings.probe.frequency_mhz);
+            self.blur = own.as_ref().map(|blur| blur.kernel(&self.grid, mhz));
             changed.push(Resource::BlurKernel);
         }
         if shadow {
@@ -219,9 +239,9 @@ impl Tables {
             self.penumbra = own.as_ref().map(|own| own.kernel(&self.grid));
             changed.push(Resource::PenumbraKernel);
         }
-        if receiver {
-            self.receiver_power = self.receiver_table();
-            changed.push(Resource::ReceiverPower);
+        if clutter {
+            self.clutter = self.clutter();
+            changed.push(Resource::Clutter);
         }
         if gain {
             self.gain = self.gain_table();
@@ -314,7 +334,7 @@ impl Tables {
                 .atlas
                 .as_ref()
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
-            Resource::AmplitudeNext | Resource::Loss => beam * 4,
+            Resource::AmplitudeNext | Resource::Loss | Resource::Clutter => beam * 4,
             Resource::NeedleMask => beam * 8,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,
             Resource::AxialKernel => {
@@ -327,7 +347,7 @@ impl Tables {
             }),
             Resource::PenumbraKernel => self.penumbra.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
-            Resource::LineSpacing | Resource::ReceiverPower | Resource::Gain => self.samples() as u64 * 4,
+            Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
             Resource::Needle => (MAX_SEGMENTS * 32) as u64,
             Resource::ScanMap => pixels * 8,
             Resource::Image => pixels * 4,
@@ -364,28 +384,26 @@ impl Tables {
         self.warp.as_ref().map_or(0, pick) as u64
     }
 
-    /// Two-way attenuation of average soft tissue, dB/cm; none where no attenuation is simulated.
-    fn average_attenuation_db_cm(&self) -> f64 {
-        let shadow = &self.settings.effects.shadow;
-        if shadow.as_ref().is_some_and(|shadow| shadow.attenuation) {
-            2.0 * SOFT_TISSUE_DB_CM_MHZ * self.settings.probe.frequency_mhz
-        } else {
-            0.0
-        }
-    }
-
-    fn receiver_table(&self) -> Numbers {
-        let receiver = &self.settings.effects.receiver;
-        receiver.as_ref().map_or_else(Numbers::default, |receiver| {
-            receiver.table(&self.grid, self.average_attenuation_db_cm())
+    fn clutter(&self) -> Vec<f32> {
+        let effects = &self.settings.effects;
+        effects.receiver.as_ref().map_or_else(Vec::new, |receiver| {
+            let speckle = effects.speckle.clone().unwrap_or_default();
+            let spread = PointSpread::new(&speckle, &self.settings.probe);
+            receiver.clutter(
+                &self.grid,
+                &spread,
+                self.settings.average_attenuation_db_cm(),
+                self.settings.seed,
+            )
         })
     }
 
     fn gain_table(&self) -> Numbers {
         let effects = &self.settings.effects;
-        let matched = self.average_attenuation_db_cm();
+        let matched = self.settings.average_attenuation_db_cm();
+        let noise_db = effects.receiver.as_ref().map(|receiver| receiver.noise_db);
         let gain = |sample: usize| match &effects.tone {
-            Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched) / 20.0),
+            Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched, noise_db) / 20.0),
             None => 1.0,
         };
         Numbers::new((0..self.samples()).map(gain).collect())

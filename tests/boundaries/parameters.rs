@@ -93,7 +93,7 @@ fn blocks() -> Vec<Block> {
             exponent
         ),
         block!("blur", blur::Params, lines, samples, reach),
-        block!("receiver", receiver::Params, seed, samples, frame),
+        block!("receiver", receiver::Params, seed, samples, frame, noise, unused),
         block!("tone", tone::Params, samples, compress, per_octave, middle, gamma),
         block!("scan_conversion", scan_conversion::Params, width, lines, samples, fill),
         block!("noise", noise::Params, seed, width, first_row, frame, scale),

@@ -114,7 +114,7 @@ pub fn everything() -> Scene {
             BlurKernel,
             PenumbraKernel,
             AmplitudeNext,
-            ReceiverPower,
+            Clutter,
         ],
     )
 }
@@ -257,7 +257,7 @@ pub fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| s.effects.receiver = Some(Default::default()),
             &["receiver"],
-            &[ReceiverPower],
+            &[Clutter],
         ),
         scene(
             "tone",
@@ -442,12 +442,12 @@ fn lengths_that_a_grid_cannot_have_are_told() {
         let probe = scene::probe(scene::SHAPES[0].1, 150.0, 128, samples);
         let mut settings = scene::settings(probe, scene::bare());
         settings.effects.speckle = Some(insonify::effects::speckle::Speckle {
-            axial_mm,
+            axial_mm: Some(axial_mm),
             ..Default::default()
         });
         settings.effects.blur = Some(insonify::effects::blur::Blur {
-            width_mm: blur_mm,
-            growth_mm_cm: 0.0,
+            width_mm: Some(blur_mm),
+            growth_mm_cm: Some(0.0),
         });
         settings
     };

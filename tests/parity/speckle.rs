@@ -33,11 +33,11 @@ fn short_and_long_point_spreads() {
     for (axial, lateral, elevational) in [(0.3, 0.4, 0.4), (3.0, 6.0, 0.8), (0.5, 8.0, 8.0)] {
         let mut settings = scene::settings(scene::small_probe(), scene::bare());
         settings.effects.speckle = Some(Speckle {
-            axial_mm: axial,
-            lateral_mm: lateral,
-            elevational_mm: elevational,
+            axial_mm: Some(axial),
+            lateral_mm: Some(lateral),
+            elevational_mm: Some(elevational),
             focus_mm: Some(12.0),
-            focal_zone_mm: 9.0,
+            focal_zone_mm: Some(9.0),
         });
         let name = format!("{axial} by {lateral} by {elevational} mm");
         cases.push(Case::new(

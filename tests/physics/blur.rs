@@ -11,8 +11,8 @@ use crate::{beam_after, precisions};
 fn settings(shape: ProbeShape, lines: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(shape, 40.0, lines, 80), scene::bare());
     settings.effects.blur = Some(Blur {
-        width_mm: 3.0,
-        growth_mm_cm: 0.8,
+        width_mm: Some(3.0),
+        growth_mm_cm: Some(0.8),
     });
     settings
 }

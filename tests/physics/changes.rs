@@ -110,17 +110,17 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "focus",
             |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(5.0),
-            &[AxialKernel, LateralKernel],
+            &[AxialKernel, LateralKernel, Clutter],
         ),
         (
             "blur",
-            |settings| settings.effects.blur.as_mut().expect("blur").width_mm = 2.0,
+            |settings| settings.effects.blur.as_mut().expect("blur").width_mm = Some(2.0),
             &[BlurKernel],
         ),
         (
             "clutter",
             |settings| settings.effects.receiver.as_mut().expect("receiver").clutter_db = -30.0,
-            &[ReceiverPower],
+            &[Clutter],
         ),
         (
             "mirror",
@@ -137,7 +137,7 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &[PenumbraKernel, ReceiverPower, Gain, LabelRows],
+            &[PenumbraKernel, LabelRows],
         ),
         (
             "depth",
@@ -150,7 +150,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 LateralKernel,
                 BlurKernel,
                 PenumbraKernel,
-                ReceiverPower,
+                Clutter,
                 Gain,
                 LabelRows,
             ],

@@ -34,11 +34,11 @@ fn settings(speckle: Speckle) -> Settings {
 /// Speckle whose lateral width is the same at all depths.
 fn even(axial_mm: f64, lateral_mm: f64, elevational_mm: f64) -> Speckle {
     Speckle {
-        axial_mm,
-        lateral_mm,
-        elevational_mm,
+        axial_mm: Some(axial_mm),
+        lateral_mm: Some(lateral_mm),
+        elevational_mm: Some(elevational_mm),
         focus_mm: None,
-        focal_zone_mm: 10_000.0,
+        focal_zone_mm: Some(10_000.0),
     }
 }
 
@@ -135,7 +135,7 @@ fn amplitudes_are_rayleigh_distributed() {
 fn mean_power_is_one_at_every_depth_and_line_edges_included() {
     for (name, backend) in precisions() {
         let speckle = Speckle {
-            focal_zone_mm: 15.0,
+            focal_zone_mm: Some(15.0),
             ..even(0.8, 1.5, 1.6)
         };
         let fields = fields(&settings(speckle), backend, 60);
@@ -210,7 +210,7 @@ fn correlation_lengths_are_those_asked() {
 fn lateral_length_grows_away_from_the_focus() {
     let speckle = Speckle {
         focus_mm: Some(12.0),
-        focal_zone_mm: 12.0,
+        focal_zone_mm: Some(12.0),
         ..even(0.8, 1.5, 1.6)
     };
     let fields = fields(&settings(speckle), Backend::CpuF64, 30);

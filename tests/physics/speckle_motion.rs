@@ -22,7 +22,10 @@ fn scene() -> (Anatomy, Settings) {
     let probe = scene::probe(shape, SAMPLE_MM * SAMPLES as f64, LINES as u32, SAMPLES as u32);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.speckle = Some(insonify::effects::speckle::Speckle {
-        focal_zone_mm: 10_000.0,
+        axial_mm: Some(0.8),
+        lateral_mm: Some(1.5),
+        elevational_mm: Some(1.8),
+        focal_zone_mm: Some(10_000.0),
         ..Default::default()
     });
     // The mesh reaches well beyond the beam on all sides.

@@ -40,7 +40,10 @@ fn patterns() -> [(&'static str, Anatomy, Settings); 2] {
     let tone = Some(Tone::default());
     let speckle = Effects {
         speckle: Some(Speckle {
-            focal_zone_mm: 10_000.0,
+            axial_mm: Some(0.8),
+            lateral_mm: Some(1.5),
+            elevational_mm: Some(1.8),
+            focal_zone_mm: Some(10_000.0),
             ..Speckle::default()
         }),
         tone: tone.clone(),

@@ -2,16 +2,18 @@
 
 use rayon::prelude::*;
 
-use super::Speckle;
 use super::elevation::Elevation;
 use super::power::{lattice_correlation, power, restored, unit_power};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
+use crate::effects::point_spread::PointSpread;
 use crate::real::Numbers;
 use crate::tracking::probe::BeamGrid;
 
 /// What the speckle of a probe at one setting needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpeckleTables {
+    /// The point spread.
+    pub spread: PointSpread,
     /// Distance between lattice points, mm.
     pub lattice_mm: f64,
     /// Fine scanlines to each scanline.
@@ -48,8 +50,8 @@ const COARSEST: f64 = 1.4;
 
 impl SpeckleTables {
     /// Computes lattice, kernels and scales for a probe.
-    pub fn new(speckle: &Speckle, grid: &BeamGrid) -> Self {
-        let shortest = speckle.axial_mm.min(speckle.lateral_mm).min(speckle.elevational_mm) / FWHM_PER_SIGMA;
+    pub fn new(spread: PointSpread, grid: &BeamGrid) -> Self {
+        let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
         let lattice_mm = LATTICE_PER_SIGMA * shortest;
         let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
         // What is left for a kernel once the interpolation of the lattice has had its share of the variance.
@@ -58,12 +60,12 @@ impl SpeckleTables {
             (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
         };
 
-        let elevation = Elevation::of_width(speckle.elevational_mm / lattice_mm);
+        let elevation = Elevation::of_width(spread.elevational_mm / lattice_mm);
         let plane_mm = elevation.apart * lattice_mm;
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let asked = left(speckle.axial_mm) / sample_mm;
+        let asked = left(spread.axial_mm) / sample_mm;
         let axial_sigma = asked.min(MAX_SIGMA);
         let axial_reach = (3.0 * axial_sigma).ceil() as usize;
         let along = |steps: f64| correlation(steps * sample_mm);
@@ -82,8 +84,7 @@ impl SpeckleTables {
         };
         let fine_mm =
             |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
-        let sigma =
-            |sample: usize| left(speckle.lateral_at(grid.sample_depth_mm(sample), grid.depth_mm())) / fine_mm(sample);
+        let sigma = |sample: usize| left(spread.lateral_at(grid.sample_depth_mm(sample))) / fine_mm(sample);
         let scale =
             |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
         let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
@@ -99,6 +100,7 @@ impl SpeckleTables {
             })
             .collect();
         Self {
+            spread,
             lattice_mm,
             oversampling,
             plane_mm,

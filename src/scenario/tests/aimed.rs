@@ -69,14 +69,28 @@ fn a_stated_entry_is_moved_onto_the_skin() {
     let chosen = resolved(AIMED).expect("a scenario");
     let keys_of = keys(&chosen);
     let (start, tip) = (keys_of[0].1, keys_of[1].1);
-    for (from_start_mm, told) in [(-20.0, Some("outside the skin")), (10.0, None), (35.0, Some("inside the skin"))] {
+    for (from_start_mm, told) in [
+        (-20.0, Some("outside the skin")),
+        (10.0, None),
+        (35.0, Some("inside the skin")),
+    ] {
         let entry = start + (tip - start).normalize() * from_start_mm;
         let stated = format!("{AIMED}entry = [{}, {}, {}]", entry.x, entry.y, entry.z);
         let scenario = resolved(&stated).expect("a scenario");
-        assert!((keys(&scenario)[0].1 - start).norm() < 5.0, "{from_start_mm}: {:?}", keys(&scenario));
-        let warned = scenario.warnings.iter().find(|warning| warning.starts_with("needle.entry"));
+        assert!(
+            (keys(&scenario)[0].1 - start).norm() < 5.0,
+            "{from_start_mm}: {:?}",
+            keys(&scenario)
+        );
+        let warned = scenario
+            .warnings
+            .iter()
+            .find(|warning| warning.starts_with("needle.entry"));
         assert_eq!(warned.is_some(), told.is_some(), "{:?}", scenario.warnings);
-        assert!(told.is_none_or(|words| warned.is_some_and(|it| it.contains(words))), "{warned:?}");
+        assert!(
+            told.is_none_or(|words| warned.is_some_and(|it| it.contains(words))),
+            "{warned:?}"
+        );
     }
 }
 

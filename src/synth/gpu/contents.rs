@@ -35,7 +35,7 @@ pub(super) fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u
             .as_ref()
             .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
         Resource::LineSpacing => floats(tables.line_spacing.of()),
-        Resource::ReceiverPower => floats(tables.receiver_power.of()),
+        Resource::Clutter => floats(&tables.clutter),
         Resource::Gain => floats(tables.gain.of()),
         Resource::ScanMap => {
             let first = band.first_row as usize * tables.width();

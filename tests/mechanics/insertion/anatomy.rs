@@ -337,7 +337,10 @@ fn changes_of_the_mesh_are_not_felt() {
             changes += 1;
             most = most.max((resistance(&pair[1]) - resistance(&pair[0])).abs());
         }
-        assert!(changes >= 4 && most < 0.02, "{changes} changes, {most} N, cells of {cell} mm");
+        assert!(
+            changes >= 4 && most < 0.02,
+            "{changes} changes, {most} N, cells of {cell} mm"
+        );
     }
 }
 

@@ -29,8 +29,8 @@ fn impulse() -> crate::synth::tables::Anatomy {
 fn effects(width_mm: f64) -> Effects {
     Effects {
         blur: Some(Blur {
-            width_mm,
-            growth_mm_cm: 0.0,
+            width_mm: Some(width_mm),
+            growth_mm_cm: Some(0.0),
         }),
         ..Effects::default()
     }

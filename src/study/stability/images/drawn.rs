@@ -245,9 +245,9 @@ fn effects(draw: &mut Draw) -> Effects {
             planes: [3, 5, 7][draw.below(3)],
         }),
         speckle: draw.maybe(0.6, |draw| Speckle {
-            axial_mm: draw.within(0.4, 2.0),
-            lateral_mm: draw.within(0.6, 4.0),
-            elevational_mm: draw.within(0.6, 4.0),
+            axial_mm: Some(draw.within(0.4, 2.0)),
+            lateral_mm: Some(draw.within(0.6, 4.0)),
+            elevational_mm: Some(draw.within(0.6, 4.0)),
             focus_mm: draw.maybe(0.5, |draw| draw.within(5.0, 30.0)),
             ..Speckle::default()
         }),
@@ -266,8 +266,8 @@ fn effects(draw: &mut Draw) -> Effects {
             beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
         }),
         blur: draw.maybe(0.6, |draw| Blur {
-            width_mm: draw.within(0.0, 4.0),
-            growth_mm_cm: draw.within(0.0, 0.5),
+            width_mm: Some(draw.within(0.0, 4.0)),
+            growth_mm_cm: Some(draw.within(0.0, 0.5)),
         }),
         receiver: draw.maybe(0.5, |_| Receiver::default()),
         tone: draw.maybe(0.8, |draw| Tone {

@@ -40,11 +40,11 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// Mean over standard deviation of samples three correlation lengths apart, at the first and the last of the frames of a sweep.
 fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let own = Speckle {
-        axial_mm: 0.8,
-        lateral_mm: 1.5,
-        elevational_mm: 1.6,
+        axial_mm: Some(0.8),
+        lateral_mm: Some(1.5),
+        elevational_mm: Some(1.6),
         focus_mm: None,
-        focal_zone_mm: 10_000.0,
+        focal_zone_mm: Some(10_000.0),
     };
     let effects = Effects {
         speckle: Some(own),

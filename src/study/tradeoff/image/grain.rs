@@ -128,9 +128,13 @@ impl Look {
 }
 
 fn models(options: &ImageOptions) -> Result<Table, ImageError> {
+    let [axial_mm, lateral_mm] = [0.8, 1.5];
     let asked = Speckle {
-        focal_zone_mm: 10_000.0,
-        ..Speckle::default()
+        axial_mm: Some(axial_mm),
+        lateral_mm: Some(lateral_mm),
+        elevational_mm: Some(1.8),
+        focal_zone_mm: Some(10_000.0),
+        focus_mm: None,
     };
     let dynamic_range_db = Tone::default().dynamic_range_db;
     let expected = 255.0 * SPECKLE_DB / dynamic_range_db;
@@ -150,7 +154,7 @@ fn models(options: &ImageOptions) -> Result<Table, ImageError> {
     ];
     let title = format!(
         "Grain of constant tissue, against Rayleigh statistics ({expected:.1} grey levels) and lengths of {} by {} mm",
-        asked.axial_mm, asked.lateral_mm
+        axial_mm, lateral_mm
     );
     let goal = Goal::new("median_ms", "length_error_mm", HALF_A_CELL).choosing("grain");
     let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes)
@@ -180,11 +184,11 @@ fn models(options: &ImageOptions) -> Result<Table, ImageError> {
         let found = picture(&mut synth, &state, options.patience)?;
         let look = Look::of(&found.pixels);
         let off = (look.std_grey - expected).abs();
-        let lengths = (look.axial_mm - asked.axial_mm)
+        let lengths = (look.axial_mm - axial_mm)
             .abs()
-            .max((look.lateral_mm - asked.lateral_mm).abs());
+            .max((look.lateral_mm - lateral_mm).abs());
         // Some 900 cells of speckle: their standard deviation is known to 5 % or better; logarithms narrow the correlation by a tenth.
-        let wrong = developed && (off > 0.15 * expected || lengths > 0.3 * asked.lateral_mm);
+        let wrong = developed && (off > 0.15 * expected || lengths > 0.3 * lateral_mm);
         let flag = wrong.then(|| "not what fully developed speckle is".to_owned());
         let time = found.time;
         let all = vec![
