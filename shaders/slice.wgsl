@@ -5,7 +5,8 @@ struct Params {
     vote: u32,
     lines: u32,
     samples: u32,
-    unused: vec2<u32>,
+    mirrored: u32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -47,13 +48,26 @@ fn majority(corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
     return best;
 }
 
+fn holds(shifted: vec3<f32>) -> bool {
+    return all(shifted >= vec3<f32>(0.0)) && all(shifted < vec3<f32>(params.size));
+}
+
 fn label_at(position: vec3<f32>) -> u32 {
     let m = params.world_to_index;
     let p = vec4<f32>(position, 1.0);
-    let index = vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p));
-    let shifted = index + 0.5;
-    if !(all(shifted >= vec3<f32>(0.0)) && all(shifted < vec3<f32>(params.size))) {
-        return 0u;
+    var index = vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p));
+    var shifted = index + 0.5;
+    if !holds(shifted) {
+        let size = vec3<f32>(params.size);
+        if params.mirrored == 0u || voxel(vec3<i32>(clamp(shifted, vec3<f32>(0.0), size - 1.0))) == 0u {
+            return 0u;
+        }
+        let beyond = min(2.0 * size - shifted, size - 1e-3);
+        shifted = select(select(shifted, beyond, shifted >= size), -shifted, shifted < vec3<f32>(0.0));
+        if !holds(shifted) {
+            return 0u;
+        }
+        index = shifted - 0.5;
     }
     if params.vote == 0u {
         return voxel(vec3<i32>(shifted));

@@ -5,6 +5,7 @@
 //! wanted effects, run in the order of [`REGISTRY`].
 
 pub mod blur;
+pub mod contact;
 pub mod geometry;
 pub mod interface;
 pub mod lateral;
@@ -45,6 +46,7 @@ pub struct Effect {
 /// Every effect, in the order in which a frame is made.
 pub static REGISTRY: &[Effect] = &[
     geometry::EFFECT,
+    contact::EFFECT,
     warp::EFFECT,
     slice::EFFECT,
     texture::EFFECT,
@@ -65,6 +67,8 @@ pub static REGISTRY: &[Effect] = &[
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Effects {
+    /// Skin that conforms to the array.
+    pub contact: Option<contact::Contact>,
     /// How labels are read from the volume.
     pub slice: slice::Slice,
     /// Solid textures of the tissues that name one.
@@ -118,7 +122,11 @@ impl Effects {
     /// Every effect with its default parameters, save additive noise, which doubles what speckle does physically.
     pub fn usual() -> Self {
         Self {
-            slice: slice::Slice::default(),
+            contact: Some(contact::Contact::default()),
+            slice: slice::Slice {
+                beyond: slice::Beyond::Continue,
+                ..slice::Slice::default()
+            },
             texture: Some(texture::Texture::default()),
             thickness: None,
             speckle: Some(speckle::Speckle::default()),
@@ -134,6 +142,7 @@ impl Effects {
 
     /// Checks every parameter against its range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
+        self.contact.as_ref().map_or(Ok(()), contact::Contact::validate)?;
         self.thickness.as_ref().map_or(Ok(()), thickness::Thickness::validate)?;
         self.texture.as_ref().map_or(Ok(()), texture::Texture::validate)?;
         self.speckle.as_ref().map_or(Ok(()), speckle::Speckle::validate)?;

@@ -33,6 +33,7 @@ depth_mm = 12.0
 radius_mm = 18.0
 
 [effects]
+contact = {}
 texture = {}
 thickness = { width_mm = 2.0 }
 speckle = {}
@@ -55,10 +56,11 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let all = &scene.settings.effects;
     #[rustfmt::skip]
-    let panels: [(&str, fn(&mut Effects, Effects)); 13] = [
+    let panels: [(&str, fn(&mut Effects, Effects)); 14] = [
         ("slice", |on, _| on.tone = None),
         ("tone", |_, _| ()),
         ("warp", |_, _| ()),
+        ("contact", |on, all| on.contact = all.contact),
         ("texture", |on, all| on.texture = all.texture),
         ("thickness", |on, all| on.thickness = all.thickness),
         ("speckle", |on, all| on.speckle = all.speckle),

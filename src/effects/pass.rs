@@ -23,6 +23,8 @@ pub struct View<'a> {
 pub enum Resource {
     /// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
     Rays,
+    /// Per scanline and sub-plane: gap between array and body, mm (`f32`).
+    Gaps,
     /// Per sample and sub-plane: current, then reference position, from the local origin, and a flag (`vec4<f32>`).
     Position,
     /// Per sample and sub-plane: element that held it in the last frame (`u32`).

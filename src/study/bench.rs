@@ -259,6 +259,10 @@ const REMOVALS: &[Removal] = &[
         effect: "warp",
         take: |_| {},
     },
+    Removal {
+        effect: "contact",
+        take: |settings| settings.effects.contact = None,
+    },
 ];
 
 #[cfg(test)]

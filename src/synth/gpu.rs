@@ -11,6 +11,7 @@ use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use glam::{DVec4, Vec4};
 
+use crate::effects::contact;
 use crate::effects::needle::{self, Segment};
 use crate::effects::pass::{Access, Band, Pass, Resource, View};
 use crate::gpu::{
@@ -59,6 +60,8 @@ pub struct GpuExecutor {
     texture: Option<TextureOut>,
     warp: Option<Warp>,
     segments: Vec<[Vec4; 2]>,
+    gaps: Vec<f64>,
+    rounded_gaps: Vec<f32>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
@@ -79,6 +82,8 @@ impl GpuExecutor {
             texture: None,
             warp: None,
             segments: Vec::with_capacity(needle::MAX_SEGMENTS),
+            gaps: Vec::new(),
+            rounded_gaps: Vec::new(),
             timer: None,
             times: Vec::new(),
             frame_ms: None,
@@ -312,6 +317,12 @@ impl GpuExecutor {
             state,
             warp: self.warp.as_ref().map(Warp::params),
         };
+        if let Some(buffer) = self.buffers.get(&(Resource::Gaps, 0)) {
+            contact::gaps(tables, state, &mut self.gaps);
+            self.rounded_gaps.clear();
+            self.rounded_gaps.extend(self.gaps.iter().map(|&gap| gap as f32));
+            buffer.write(&self.gpu, 0, &self.rounded_gaps)?;
+        }
         if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
             let rounded = |segment: Segment<f64>| segment.map(|end| DVec4::from(end).as_vec4());
             self.segments.clear();

@@ -64,6 +64,8 @@ pub enum Layer {
     LabelIndex,
     /// 1 inside the image sector, 0 outside
     Sector,
+    /// 1 where the body is continued beyond the volume, whose labels are made up there
+    Beyond,
     /// Length of the tissue's displacement, hundredths of a millimetre
     Displacement,
     /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre
@@ -81,6 +83,7 @@ impl Layer {
             Self::LabelValue => "label-value",
             Self::LabelIndex => "label-index",
             Self::Sector => "sector",
+            Self::Beyond => "beyond",
             Self::Displacement => "displacement",
             Self::Depth => "depth",
             Self::Needle => "needle",
@@ -117,6 +120,18 @@ impl Layer {
             }
             Self::LabelIndex => beam.label.iter().map(|&label| u16::from(label)).collect(),
             Self::Sector => Vec::new(),
+            Self::Beyond => {
+                let is_outside = |at: &[f64; 4]| {
+                    tables
+                        .anatomy
+                        .volume
+                        .label_index_at(&Point3::new(at[0], at[1], at[2]))
+                        .is_none()
+                };
+                let at = beam.position.iter().zip(&beam.label);
+                at.map(|(position, label)| u16::from(*label > 0 && is_outside(position)))
+                    .collect()
+            }
             Self::Displacement => {
                 let length = |(index, position): (usize, &[f64; 4])| {
                     let world = world_position(tables, probe_to_world, index / beam.samples, index % beam.samples);

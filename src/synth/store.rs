@@ -12,6 +12,8 @@ use crate::real::Real;
 pub struct Store<T> {
     /// [`Resource::Position`].
     pub position: Vec<[T; 4]>,
+    /// [`Resource::Gaps`].
+    pub gaps: Vec<f64>,
     /// [`Resource::Element`].
     pub element: Vec<u32>,
     /// The mesh, deformed and in its reference state.

@@ -317,6 +317,7 @@ impl Tables {
         let depth_kernel = |reach: usize| ((2 * reach + 1) * self.samples() * 4) as u64;
         match resource {
             Resource::Rays => self.lines() as u64 * 16,
+            Resource::Gaps => (self.lines() * self.planes()) as u64 * 4,
             Resource::Position => beam * self.planes() as u64 * 16,
             Resource::Element | Resource::Label | Resource::Amplitude => beam * self.planes() as u64 * 4,
             Resource::ElementMaps => self.warp_items(|warp| warp.frames) * 16,

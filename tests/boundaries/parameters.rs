@@ -3,8 +3,8 @@
 use std::mem::offset_of;
 
 use insonify::effects::{
-    blur, geometry, interface, needle, noise, quantise, receiver, scan_conversion, shadow, slice, speckle, texture,
-    thickness, tone,
+    blur, contact, geometry, interface, needle, noise, quantise, receiver, scan_conversion, shadow, slice, speckle,
+    texture, thickness, tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 
@@ -30,6 +30,15 @@ macro_rules! block {
 fn blocks() -> Vec<Block> {
     vec![
         block!(
+            "contact",
+            contact::Params,
+            probe_to_world,
+            lines,
+            samples,
+            sample_mm,
+            per_depth
+        ),
+        block!(
             "geometry",
             geometry::Params,
             probe_to_world,
@@ -41,7 +50,16 @@ fn blocks() -> Vec<Block> {
         block!(
             "warp", WarpParams, lines, samples, planes, elements, carries_at, tangled, deformed, reference
         ),
-        block!("slice", slice::Params, world_to_index, size, vote, lines, samples),
+        block!(
+            "slice",
+            slice::Params,
+            world_to_index,
+            size,
+            vote,
+            lines,
+            samples,
+            mirrored
+        ),
         block!("texture", texture::Params, lines, samples, strength),
         block!("thickness", thickness::Params, weights, count, planes, stride),
         block!(

@@ -81,6 +81,7 @@ pub fn everything() -> Scene {
             settings.has_needle = true;
         },
         &[
+            "contact",
             "warp",
             "texture",
             "thickness",
@@ -96,6 +97,7 @@ pub fn everything() -> Scene {
             "noise",
         ],
         &[
+            Gaps,
             Element,
             ElementMaps,
             Adjacency,
@@ -246,6 +248,13 @@ pub fn scenes() -> Vec<Scene> {
             &[],
         ),
         scene(
+            "contact",
+            box_of(lossy()),
+            |s| s.effects.contact = Some(Default::default()),
+            &["contact"],
+            &[Gaps],
+        ),
+        scene(
             "noise",
             box_of(lossy()),
             |s| s.effects.noise = Some(Default::default()),
@@ -272,8 +281,9 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 18] = [
+    const ORDER: [&str; 19] = [
         "geometry",
+        "contact",
         "warp",
         "slice",
         "texture",

@@ -150,7 +150,7 @@ fn workgroups_cover_the_work_and_no_more() {
 fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
     let (lines, samples, planes) = (tables.lines() as u64, tables.samples() as u64, tables.planes() as u64);
     match pass.name {
-        "geometry" | "slice" | "texture" => [samples, lines, planes],
+        "geometry" | "contact" | "slice" | "texture" => [samples, lines, planes],
         "warp" => [lines * samples * planes, 1, 1],
         "thickness" => [lines * samples, 1, 1],
         "speckle_scatter" | "speckle_axial" => [

@@ -15,7 +15,7 @@ fn plans_list_passes_with_reasons() {
     );
     let without = names(&bare["without"]);
     for effect in [
-        "warp", "texture", "speckle", "needle", "shadow", "blur", "receiver", "noise",
+        "contact", "warp", "texture", "speckle", "needle", "shadow", "blur", "receiver", "noise",
     ] {
         assert!(without.contains(&effect), "{effect}: {without:?}");
     }

@@ -13,6 +13,7 @@ mod case;
 mod scenes;
 
 mod blur;
+mod contact;
 mod frame;
 mod geometry;
 mod insertion;
@@ -40,6 +41,7 @@ use support::gpu::gpu_or_skip;
 fn gpu_tests_run_or_are_counted_as_skipped() {
     let sources = [
         include_str!("blur.rs"),
+        include_str!("contact.rs"),
         include_str!("frame.rs"),
         include_str!("geometry.rs"),
         include_str!("insertion.rs"),

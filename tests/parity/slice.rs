@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use insonify::effects::slice::Boundary;
+use insonify::effects::slice::{Beyond, Boundary};
 use insonify::study::parity::possible_labels;
 
 use crate::case::{Case, check_all};
@@ -21,12 +21,15 @@ fn random_labels_by_nearest_voxel_and_by_vote() {
         for boundary in [Boundary::Nearest, Boundary::Vote] {
             let mut settings = scene::settings(scene::probe(scene::SHAPES[1].1, 40.0, 64, 256), scene::bare());
             settings.effects.slice.boundary = boundary;
-            cases.push(Case::new(
-                format!("{name} {boundary:?}"),
-                anatomy.clone(),
-                settings,
-                scenes::oblique_pose(),
-            ));
+            for beyond in [Beyond::Void, Beyond::Continue] {
+                settings.effects.slice.beyond = beyond;
+                cases.push(Case::new(
+                    format!("{name} {boundary:?} {beyond:?}"),
+                    anatomy.clone(),
+                    settings.clone(),
+                    scenes::oblique_pose(),
+                ));
+            }
         }
     }
     check_all("labels", &cases);

@@ -6,6 +6,7 @@ mod support;
 
 mod blur;
 mod changes;
+mod contact;
 mod determinism;
 mod empty;
 mod interface;

@@ -41,6 +41,7 @@ nodes = 5000
 field = { kind = "indentation", centre_mm = [-52.3, -20.2, -25.1], direction = [0, 1, 0], depth_mm = 4, radius_mm = 15 }
 
 [effects]
+contact = {}
 texture = {}
 thickness = {}
 speckle = {}

@@ -37,7 +37,8 @@ fn the_ladder_ends_at_slicing_alone() {
             "shadow",
             "interface",
             "speckle",
-            "texture"
+            "texture",
+            "contact"
         ]
     );
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();

@@ -8,6 +8,10 @@ use super::slack::{Slack, Step};
 /// the product (1) and three sums (3) rounded.
 const TERM: f64 = 4.0 + 4.5;
 
+/// Losses of the shift that `contact` adds, in ULP of its largest: direction and matrix stored and multiplied (2), two such summed (1),
+/// the gap multiplied (1); its share, a square of a difference from 1 (8); their product (1).
+const PRESSED: f64 = 13.0;
+
 pub fn carry(step: &Step, slack: &mut Slack) {
     slack.position = (0..step.lines() * step.samples())
         .map(|index| position(step, index, 0.0))
@@ -26,6 +30,14 @@ pub fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
     std::array::from_fn(|row| {
         let m = |column: usize| matrix[(row, column)].abs();
         let terms = m(0) * (ox + dx * along) + m(1) * (oy + dy * along) + m(2) * z.abs() + m(3);
-        TERM * ULP * terms
+        let reach = step
+            .tables
+            .settings
+            .effects
+            .contact
+            .as_ref()
+            .map_or(0.0, |own| own.reach_mm);
+        let pressed = reach * (m(0) * dx + m(1) * dy);
+        TERM * ULP * terms + ULP * (PRESSED * pressed + f64::from(u8::from(reach > 0.0)) * (terms + pressed))
     })
 }

@@ -70,7 +70,9 @@ impl Step<'_> {
 /// Takes the bounds past one pass.
 pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
     match pass {
+        // The bound of the geometry covers both.
         "geometry" => geometry::carry(step, slack),
+        "contact" => {}
         "warp" => warp::carry(step, slack),
         "slice" => slice::carry(step, slack),
         "texture" => texture::carry(step, slack),

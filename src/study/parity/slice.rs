@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::effects::slice::Boundary;
+use crate::effects::slice::{Beyond, Boundary, WITHIN};
 use crate::synth::tables::Tables;
 
 use super::rounding::ULP;
@@ -52,13 +52,57 @@ pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]
     }
     let mut labels = BTreeSet::new();
     if (0..3).any(|axis| low[axis] + 0.5 <= 0.0 || high[axis] + 0.5 >= size[axis]) {
-        labels.insert(0);
+        if tables.settings.effects.slice.beyond == Beyond::Void {
+            labels.insert(0);
+        } else {
+            let mut faces = BTreeSet::new();
+            let clamped = |ends: [f64; 3]| std::array::from_fn(|axis| ends[axis].clamp(-0.5, size[axis] - 1.5));
+            nearest(tables, clamped(low), clamped(high), &mut faces);
+            if faces.contains(&0) {
+                labels.insert(0);
+            }
+            for axis in 0..3 {
+                [low[axis], high[axis]] = folded([low[axis], high[axis]], size[axis]);
+                if low[axis] + 0.5 <= 0.0 || high[axis] + 0.5 >= size[axis] {
+                    labels.insert(0);
+                }
+            }
+        }
     }
     match tables.settings.effects.slice.boundary {
         Boundary::Nearest => nearest(tables, low, high, &mut labels),
         Boundary::Vote => vote(tables, low, high, &mut labels),
     }
     labels
+}
+
+/// Indices along an axis of `size` voxels as they may be once they are mirrored at its ends; those that lie on an end stay within.
+fn folded([low, high]: [f64; 2], size: f64) -> [f64; 2] {
+    // Negation and differences of numbers up to twice the size lose 2 ULP of it.
+    let off = 2.0 * ULP * (2.0 * size + low.abs().max(high.abs()));
+    let ends = [-0.5, size - 0.5];
+    let mirror = |at: f64| match at {
+        at if at < ends[0] => 2.0 * ends[0] - at,
+        at if at >= ends[1] => 2.0 * ends[1] - at,
+        at => at,
+    };
+    let [a, b] = [mirror(low), mirror(high)];
+    let on_end = |end: f64| low < end && high >= end;
+    let reached = [a, b].into_iter().chain(ends.into_iter().filter(|end| on_end(*end)));
+    let (least, most) = reached.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), at| {
+        (least.min(at), most.max(at))
+    });
+    let (least, most) = (least - off, most + off);
+    // What is mirrored at the upper end is kept from it.
+    let least = if high >= ends[1] {
+        least.min(ends[1] - 1.01 * WITHIN)
+    } else {
+        least
+    };
+    if least < ends[0] - 1.0 || most > ends[1] + 1.0 {
+        return [least, most];
+    }
+    [least, most].map(|at| at.clamp(ends[0] + 1e-9, ends[1] - 1e-9))
 }
 
 /// Labels of the voxels whose cells the box of indices touches.

@@ -11,7 +11,7 @@ pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"
 fn stage(what: &str) -> &'static str {
     match what {
         WHOLE | LEFT => STAGES[0],
-        "geometry" | "warp" | "slice" | "texture" | "thickness" => STAGES[1],
+        "geometry" | "contact" | "warp" | "slice" | "texture" | "thickness" => STAGES[1],
         "interface" | "needle" | "shadow_loss" | "shadow" | "blur" => STAGES[3],
         pass if pass.starts_with("speckle") => STAGES[2],
         _ => STAGES[4],

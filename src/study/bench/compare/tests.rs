@@ -56,6 +56,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         "interface",
         "speckle",
         "texture",
+        "contact",
     ];
     assert_eq!(effects[1..effects.len() - 1], expected);
     let rows = &table("compare_effects").rows;

@@ -1,0 +1,190 @@
+//! Contact: skin conforms to the array.
+//!
+//! A body at rest touches a curved or straight array in a few points only; in life both are pressed together and gel fills what is left. On
+//! each scanline the gap between array and body is found, up to a reach, and tissue is taken from deeper by that much at the array
+//! and ever less below: `s -> s + gap (1 - s / depth)^2`, which keeps the order of tissue along the beam as long as the gap is less than half the depth.
+//! Where the gap is wider there is no contact, and the scanline sees the void. Gaps are those of the tissue at rest, and smoothed over
+//! neighbouring scanlines as skin is.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use nalgebra::Point3;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::geometry::{plane_step, rows};
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::{Effect, OutOfRange, Verdict, within};
+use crate::real::Real;
+use crate::synth::FrameState;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+
+/// Contact between skin and array.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Contact {
+    /// Widest gap between array and body that pressing closes, mm (0 to 20).
+    pub reach_mm: f64,
+    /// Depth down to which tissue gives way, mm (50 to 1000).
+    pub depth_mm: f64,
+}
+
+impl Default for Contact {
+    fn default() -> Self {
+        Self {
+            reach_mm: 12.0,
+            depth_mm: 50.0,
+        }
+    }
+}
+
+impl Contact {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        within("contact.reach_mm", self.reach_mm, 0.0..=20.0)?;
+        within("contact.depth_mm", self.depth_mm, 50.0..=1000.0)
+    }
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect {
+    name: "contact",
+    wanted,
+    passes: |_| PASSES,
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "contact",
+    shader: include_str!("../../shaders/contact.wgsl"),
+    entry: "main",
+    bindings: &[(Rays, Read), (Gaps, Read), (Position, Write)],
+    params,
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.settings.effects.contact {
+        Some(own) => Ok(format!("skin within {} mm of the array touches it", own.reach_mm)),
+        None => Err("the scene names no contact".into()),
+    }
+}
+
+/// Steps in which the body is looked for, mm,
+const STEP_MM: f64 = 0.25;
+/// and halvings of the last.
+const HALVINGS: usize = 4;
+/// Scanlines on each side over which gaps are smoothed.
+const SMOOTHED: usize = 2;
+
+/// The gap on each scanline of each sub-plane, mm: 0 where the array touches the body, or none is in reach.
+pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f64>) {
+    let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
+    let lines = tables.lines();
+    let is_body = |plane: usize, line: usize, s: f64| {
+        let [x, y, dx, dy] = tables.rays[line];
+        let z = f64::from(plane_step(plane)) * tables.plane_mm();
+        let at = state
+            .probe_to_world
+            .transform_point(&Point3::new(x + s * dx, y + s * dy, z));
+        tables.volume.label_index_at(&at).is_some_and(|label| label > 0)
+    };
+    let found = |at: usize| {
+        let is_body = |s: f64| is_body(at / lines, at % lines, s);
+        let steps = (reach / STEP_MM) as usize;
+        let Some(first) = (0..=steps).find(|step| is_body(*step as f64 * STEP_MM)) else {
+            return -1.0;
+        };
+        if first == 0 {
+            return 0.0;
+        }
+        let mut ends = [first - 1, first].map(|step| step as f64 * STEP_MM);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (ends[0] + ends[1]);
+            ends[usize::from(is_body(middle))] = middle;
+        }
+        ends[1]
+    };
+    gaps.clear();
+    gaps.resize(2 * lines * tables.planes(), 0.0);
+    let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
+    raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at));
+    for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
+        for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
+            let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
+            let touching = near.iter().filter(|gap| **gap >= 0.0);
+            let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + gap, count + 1.0));
+            // Rounded once, for all backends.
+            *gap = f64::from((sum / count) as f32);
+        }
+    }
+    gaps.drain(..lines * tables.planes());
+}
+
+/// Parameter block of `contact.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// First three rows of the probe-to-world transform.
+    pub probe_to_world: [Vec4; 3],
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Distance between samples, mm.
+    pub sample_mm: f32,
+    /// One over the depth down to which tissue gives way, 1/mm.
+    pub per_depth: f32,
+}
+
+fn per_depth(tables: &Tables) -> f64 {
+    let own = tables.settings.effects.contact.clone().unwrap_or_default();
+    1.0 / own.depth_mm
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        sample_mm: tables.sample_mm() as f32,
+        per_depth: per_depth(tables) as f32,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    gaps(tables, view.state, &mut store.gaps);
+    let matrix = rows::<T>(&view.state.probe_to_world);
+    let (sample_mm, per_depth) = (T::of(tables.sample_mm()), T::of(per_depth(tables)));
+    store
+        .position
+        .par_chunks_mut(samples)
+        .zip(&store.gaps)
+        .enumerate()
+        .filter(|(_, (_, gap))| **gap > 0.0)
+        .for_each(|(index, (positions, gap))| {
+            let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);
+            let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(*gap));
+            for (i, position) in positions.iter_mut().enumerate() {
+                let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
+                let left = (T::one() - s * per_depth).max(T::zero());
+                let share = left * left;
+                for axis in 0..3 {
+                    position[axis] += step[axis] * share;
+                }
+            }
+        });
+}
