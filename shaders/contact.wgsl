@@ -4,7 +4,7 @@ struct Params {
     lines: u32,
     samples: u32,
     sample_mm: f32,
-    per_depth: f32,
+    per_fade: f32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -23,7 +23,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let m = params.probe_to_world;
     let step = vec3<f32>(dot(m[0].xy, direction), dot(m[1].xy, direction), dot(m[2].xy, direction)) * gap;
     let s = (f32(id.x) + 0.5) * params.sample_mm;
-    let left = max(1.0 - s * params.per_depth, 0.0);
+    let left = max(1.0 - s * params.per_fade, 0.0);
     let index = scanline * params.samples + id.x;
     positions[index] += vec4<f32>(step * (left * left), 0.0);
 }

@@ -2,7 +2,7 @@
 //!
 //! A body at rest touches a curved or straight array in a few points only; in life both are pressed together and gel fills what is left. On
 //! each scanline the gap between array and body is found, up to a reach, and tissue is taken from deeper by that much at the array
-//! and ever less below: `s -> s + gap (1 - s / depth)^2`, which keeps the order of tissue along the beam as long as the gap is less than half the depth.
+//! and ever less below: `s -> s + gap (1 - s / fade)^2`, which keeps the order of tissue along the beam as long as the gap is less than half the fade.
 //! Where the gap is wider there is no contact, and the scanline sees the void. Gaps are those of the tissue at rest, and smoothed over
 //! neighbouring scanlines as skin is.
 
@@ -27,15 +27,15 @@ use crate::synth::tables::Tables;
 pub struct Contact {
     /// Widest gap between array and body that pressing closes, mm (0 to 20).
     pub reach_mm: f64,
-    /// Depth down to which tissue gives way, mm (50 to 1000).
-    pub depth_mm: f64,
+    /// Depth at which the shift has faded to nothing, mm (50 to 1000).
+    pub fade_mm: f64,
 }
 
 impl Default for Contact {
     fn default() -> Self {
         Self {
             reach_mm: 12.0,
-            depth_mm: 50.0,
+            fade_mm: 50.0,
         }
     }
 }
@@ -44,7 +44,7 @@ impl Contact {
     /// Checks the ranges.
     pub fn validate(&self) -> Result<(), OutOfRange> {
         within("contact.reach_mm", self.reach_mm, 0.0..=20.0)?;
-        within("contact.depth_mm", self.depth_mm, 50.0..=1000.0)
+        within("contact.fade_mm", self.fade_mm, 50.0..=1000.0)
     }
 }
 
@@ -143,13 +143,13 @@ pub struct Params {
     pub samples: u32,
     /// Distance between samples, mm.
     pub sample_mm: f32,
-    /// One over the depth down to which tissue gives way, 1/mm.
-    pub per_depth: f32,
+    /// One over the depth at which the shift has faded, 1/mm.
+    pub per_fade: f32,
 }
 
-fn per_depth(tables: &Tables) -> f64 {
+fn per_fade(tables: &Tables) -> f64 {
     let own = tables.settings.effects.contact.clone().unwrap_or_default();
-    1.0 / own.depth_mm
+    1.0 / own.fade_mm
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
@@ -159,7 +159,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         sample_mm: tables.sample_mm() as f32,
-        per_depth: per_depth(tables) as f32,
+        per_fade: per_fade(tables) as f32,
     })
 }
 
@@ -168,7 +168,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let (lines, samples) = (tables.lines(), tables.samples());
     gaps(tables, view.state, &mut store.gaps);
     let matrix = rows::<T>(&view.state.probe_to_world);
-    let (sample_mm, per_depth) = (T::of(tables.sample_mm()), T::of(per_depth(tables)));
+    let (sample_mm, per_fade) = (T::of(tables.sample_mm()), T::of(per_fade(tables)));
     store
         .position
         .par_chunks_mut(samples)
@@ -180,7 +180,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(*gap));
             for (i, position) in positions.iter_mut().enumerate() {
                 let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
-                let left = (T::one() - s * per_depth).max(T::zero());
+                let left = (T::one() - s * per_fade).max(T::zero());
                 let share = left * left;
                 for axis in 0..3 {
                     position[axis] += step[axis] * share;

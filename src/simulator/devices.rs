@@ -209,7 +209,7 @@ impl LateralHold {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HoleError {
     /// A needle changes its hole outside alone.
-    #[error("the needle is {inserted_mm:.1} mm deep in tissue; expected it outside before another hole is chosen")]
+    #[error("the needle touches tissue, {inserted_mm:.1} mm deep; expected it outside before another hole is chosen")]
     Inserted {
         /// Depth of the tip, mm.
         inserted_mm: f64,
@@ -249,7 +249,8 @@ impl Guided {
     pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), HoleError> {
         let hole_mm = self.template.hole(hole)?;
         let inserted_mm = outcome.inserted_mm;
-        if inserted_mm > 0.0 {
+        // A needle that dents the skin is not in yet.
+        if inserted_mm > 0.0 || outcome.contacts > 0 {
             return Err(HoleError::Inserted { inserted_mm });
         }
         self.hole_mm = hole_mm;

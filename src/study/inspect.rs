@@ -60,8 +60,12 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
     let index = line * synth.tables().samples() + sample;
     let stages = Stages::run(synth, state, index)?;
     let last = &stages.last;
+    let mut world: [f64; 3] = world_position(synth.tables(), &state.probe_to_world, line, sample).into();
+    if synth.tables().settings.effects.contact.is_some() {
+        let pressed = synth.render_until("contact", state)?;
+        world.copy_from_slice(&pressed.position[index][..3]);
+    }
     let tables = synth.tables();
-    let world: [f64; 3] = world_position(tables, &state.probe_to_world, line, sample).into();
     let reference = last.position.get(index).map_or(world, |p| [p[0], p[1], p[2]]);
     let label = last.label.get(index).copied().unwrap_or(0);
     let moved = [0, 1, 2].map(|axis| world[axis] - reference[axis]);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::effects::{Effects, noise::Noise};
+use crate::effects::{Effects, blur::Blur, noise::Noise};
 use crate::phantom::{Phantom, PhantomOptions, default_pose, make};
 use crate::synth::FrameState;
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
@@ -28,6 +28,10 @@ pub fn scene() -> (Anatomy, Settings, FrameState) {
     let mut probe = Probe::new(shape, 60.0).unwrap();
     (probe.lines, probe.samples) = (64, 32);
     let mut effects = Effects::usual();
+    effects.blur = Some(Blur {
+        width_mm: Some(0.6),
+        growth_mm_cm: Some(0.06),
+    });
     effects.noise = Some(Noise::default());
     let settings = Settings {
         seed: 1,

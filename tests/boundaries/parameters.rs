@@ -36,7 +36,7 @@ fn blocks() -> Vec<Block> {
             lines,
             samples,
             sample_mm,
-            per_depth
+            per_fade
         ),
         block!(
             "geometry",

@@ -26,7 +26,7 @@ fn a_belly_touches_a_straight_array_within_reach() {
         let mut settings = scene::settings(probe, scene::bare());
         settings.effects.contact = Some(Contact {
             reach_mm: 5.0,
-            depth_mm: 50.0,
+            fade_mm: 50.0,
         });
         let beam = beam_after(&body, &settings, backend, "slice", &scene::straight());
         for line in 0..LINES as usize {

@@ -1,7 +1,7 @@
 //! Acoustic clutter of a probe: sparse, coherent, shaped by the point spread.
 //!
-//! Few echoes overlap: two to a resolution cell give the ratio of mean and standard deviation of the envelope that was measured, 1.40 +-
-//! 0.23 (B. Byram and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths widen them across the beam.
+//! Few echoes overlap: so many that the ratio of mean and standard deviation of the envelope is the one measured, 1.40 +- 0.23 (B. Byram
+//! and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths widen them across the beam.
 //! Layers of the wall are seen again and again at one depth on all scanlines: bands of 3 dB, 1 mm thick.
 
 use std::f64::consts::TAU;
@@ -15,8 +15,8 @@ use crate::tracking::probe::BeamGrid;
 
 /// Lateral length over that of the point spread.
 const WIDENED: f64 = 1.8;
-/// Echoes to a resolution cell.
-const TO_A_CELL: f64 = 2.0;
+/// Echoes to an area of the full widths of the kernels.
+const TO_A_CELL: f64 = 0.5;
 /// Standard deviation of the bands, dB, and their thickness, mm.
 const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
@@ -41,7 +41,6 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
     let means: Vec<f64> = (0..samples)
         .map(|sample| bands[sample] * power(grid.sample_depth_mm(sample)))
         .collect();
-    // A resolution cell, in samples, is as large as the kernels are wide.
     let share = |sample: usize| (TO_A_CELL / (width(&axial) * width(&across[sample]))).min(1.0);
     let shares: Vec<f64> = (0..samples).map(share).collect();
     let scanlines: Vec<Vec<Complex>> = (0..lines)

@@ -1,6 +1,12 @@
 //! What a tissue does to a needle in it.
 
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+
+use super::anatomy::{Anatomy, interaction};
+
+/// Distance between samples around the tip, mm.
+const AROUND_MM: f64 = 0.25;
 
 /// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
 /// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from the tip it is
@@ -30,6 +36,26 @@ impl Bone {
     /// The size of the penalty where the hand would have the tip `asked_mm` deep, N.
     pub(super) fn force_n(&self, asked_mm: f64) -> f64 {
         self.stiffness_n_per_mm * asked_mm.clamp(0.0, self.penetration_mm)
+    }
+
+    /// Bone that the needle has been moved off sideways: it holds no more, and the needle catches up with the hand.
+    pub(super) const LEFT: Self = Self {
+        stiffness_n_per_mm: 0.0,
+        penetration_mm: 0.0,
+    };
+
+    /// True of bone that holds.
+    pub(super) fn holds(&self) -> bool {
+        self.stiffness_n_per_mm > 0.0
+    }
+
+    /// Whether bone lies on a needle's way in the tissue at rest: from a little behind a point to a little farther than it may go in.
+    pub(super) fn is_ahead(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
+        let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
+        (0..=samples).any(|at| {
+            let point = at_rest + direction * (AROUND_MM * (at as f64 - 1.0));
+            interaction(anatomy, anatomy.region(&point)).bone.is_some()
+        })
     }
 
     /// How far the needle then stays behind the hand, mm.

@@ -32,7 +32,7 @@ pub struct SampleReport {
     pub sample: usize,
     /// Depth of that sample along its beam, mm.
     pub depth_mm: f64,
-    /// The sample in the world, mm.
+    /// The sample in the world, mm; where skin is pressed to the array, the place that its tissue comes from.
     pub world_mm: [f64; 3],
     /// Where its tissue lies in the reference state, mm.
     pub reference_mm: [f64; 3],

@@ -360,3 +360,107 @@ fn thin_critical_layers_are_told() {
     steps.extend(travel(&mut finite, 5.0, 35.0, 0.05));
     assert!(told(&steps) >= 1, "{:?}", surfaces(&steps));
 }
+
+/// Bone under half of a block.
+#[derive(Clone, Debug)]
+struct Ledge;
+
+const ON_LEDGE: Interaction = Interaction {
+    bone: Some(Bone {
+        stiffness_n_per_mm: 40.0,
+        penetration_mm: 0.5,
+    }),
+    ..FAT
+};
+
+impl Anatomy for Ledge {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        let is_bone = at_rest_mm.z > 30.0 && at_rest_mm.x > 30.0;
+        (at_rest_mm.z > 0.0).then(|| i32::from(is_bone))
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        [FAT, ON_LEDGE][region as usize]
+    }
+}
+
+/// A needle that is moved off bone sideways is held no more, catches up with the hand, and goes on through tissue.
+#[test]
+fn a_needle_walks_off_bone() {
+    let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), Interaction::default());
+    setup.anatomy = Some(Arc::new(Ledge));
+    let nodes = (0u32..).zip(setup.mesh.nodes());
+    let rigid = nodes.filter(|(_, node)| node[0] >= 30.0 && node[2] >= 30.0 && node[2] < 80.0);
+    setup
+        .fixed
+        .extend(rigid.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))));
+    let mut finite = build(setup);
+    let stopped = travel(&mut finite, -1.0, 35.0, 0.1);
+    let stopped = stopped.last().expect("steps");
+    assert!(stopped.tip_mm.z < 30.6 && resistance(stopped) > 19.0, "{stopped:?}");
+    use insonify::mechanics::insertion::{Instruments, Model};
+    let mut at = |x: f64, z: f64| {
+        let base = nalgebra::Isometry3::translation(x, 28.9, z - LENGTH);
+        let instruments = Instruments {
+            base,
+            probe: None,
+            guide: None,
+            deposit: false,
+        };
+        finite.step(&instruments, 1e-3).expect("a step").clone()
+    };
+    let steps: Vec<_> = (0..60).map(|n| at(31.3 - 0.05 * f64::from(n), 35.0)).collect();
+    let mut last = steps[steps.len() - 1].clone();
+    for _ in 0..20 {
+        last = at(28.3, 35.0);
+    }
+    assert!(
+        (last.tip_mm.z - 35.0).abs() < 1e-6 && resistance(&last) < 1.0,
+        "{last:?}"
+    );
+    let on: Vec<_> = (0..20).map(|n| at(28.3, 35.0 + 0.25 * f64::from(n))).collect();
+    assert!((on[19].tip_mm.z - 39.75).abs() < 1e-6 && resistance(&on[19]) < 1.0);
+}
+
+/// A needle that begins in the body has been pushed in along itself: it tells what it has passed and is held along all of its way.
+#[test]
+fn a_needle_that_begins_inside_has_come_through_all_before() {
+    let wall = Interaction {
+        critical: true,
+        ..behind(0.8)
+    };
+    let layers = Layers(vec![(0.0, behind(1.0)), (10.0, wall), (12.0, FAT)]);
+    let mut finite = carried(&layers, 10.0, 20.0);
+    let step = go(&mut finite, 30.0);
+    let told = surfaces(std::slice::from_ref(&step));
+    for expected in [
+        (EventKind::Skin, Some(0)),
+        (EventKind::Puncture, Some(0)),
+        (EventKind::Critical, Some(1)),
+    ] {
+        assert!(told.contains(&expected), "{told:?}");
+    }
+    assert!(
+        resistance(&step) > 0.1 && (step.inserted_mm - 30.0).abs() < 1.5,
+        "{step:?}"
+    );
+}
+
+/// Drawn back right after a change of the mesh, a needle unloads as tissue does: not at once.
+#[test]
+fn turning_back_after_a_change_of_the_mesh_is_smooth() {
+    let cut = Interaction { cutting_n: 0.5, ..FAT };
+    let layers = Layers(vec![(0.0, cut)]);
+    let mut turned = 0;
+    for stop in 0..20 {
+        let mut finite = carried(&layers, 6.0, 5.0);
+        let depth = 25.0 + 0.5 * f64::from(stop);
+        let steps = travel(&mut finite, -1.0, depth, 0.05);
+        let before = resistance(steps.last().expect("steps"));
+        let back = go(&mut finite, depth - 0.01);
+        let after = resistance(&back);
+        assert!((after - before).abs() < 0.05, "{before} {after} N at {depth} mm");
+        turned += usize::from(back.remeshes > 0);
+    }
+    assert!(turned >= 1, "a node comes off at some of these depths");
+}

@@ -1,6 +1,6 @@
 //! A step, cut into parts: instruments go on a little, contacts settle, the tip finds its way.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::Finite;
 use super::slider::State;
@@ -11,7 +11,7 @@ const STILL_MM: f64 = 1e-9;
 impl Finite {
     /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
     pub(super) fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
-        let from = self.base.unwrap_or(*base);
+        let from = self.base.unwrap_or_else(|| self.beginning(base));
         let probe_from = self.press.as_ref().and_then(|press| press.pose);
         let mut way = farthest(&from, base, self.needle.length_mm());
         if let (Some(from), Some(to), Some(press)) = (&probe_from, probe, &self.press) {
@@ -31,6 +31,15 @@ impl Finite {
             self.outcome.substeps += 1;
         }
         self.base = Some(*base);
+    }
+
+    /// Where the needle comes from at the first step: one that begins in the body has been pushed in along itself.
+    fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
+        self.needle.place(base, None, &[], &[], &mut self.line);
+        match self.anatomy.region(&self.line.tip()) {
+            Some(_) => base * Translation3::new(0.0, 0.0, -self.needle.length_mm()),
+            None => *base,
+        }
     }
 
     fn part(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {

@@ -30,7 +30,7 @@ impl Finite {
     /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). True if there were any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
         let length = self.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
-        let mut released = false;
+        let mut released = None;
         while self.contacts.last().is_some_and(|contact| contact.arc > length) {
             let Some(contact) = self.contacts.pop() else { break };
             // The needle still lies under its force, which fades as a solution without it is found.
@@ -43,22 +43,43 @@ impl Finite {
                 self.note(EventKind::NotRemeshed, self.line.tip(), None);
             }
             self.outcome.remeshes += 1;
-            released = true;
+            released = Some(force);
         }
-        if !released {
-            return false;
-        }
+        let Some(force) = released else { return false };
         // Its element is not what it was.
         self.tip.found = None;
-        self.tip.forget_row();
         self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !self.contacts.is_empty());
         if self.contacts.is_empty() {
+            self.tip.forget_row();
             self.tip.corners.clear();
             if !self.tip.bare {
                 self.leave();
             }
         }
         self.name_contacts();
+        let element = self
+            .tip
+            .element
+            .filter(|_| !self.contacts.is_empty() && !self.tip.outside && !self.tip.is_pinned());
+        let Some(element) = element else {
+            self.tip.forget_row();
+            return true;
+        };
+        // What the tip cut at the node it cuts beside it.
+        if self.tip.at_node || self.tip.row.is_none() {
+            let tangent = self.line.at(self.line.length_mm()).tangent;
+            let of_tip = tangent.into_inner() * tangent.dot(&force).clamp(0.0, self.cutting());
+            if let Some(last) = self.forces[..self.contacts.len()].last_mut() {
+                *last += of_tip;
+            }
+        }
+        self.tip.at_node = false;
+        self.find_again(element);
+        if self.tip.found.is_some() {
+            self.transfer();
+        } else {
+            self.tip.forget_row();
+        }
         true
     }
 
@@ -85,7 +106,8 @@ impl Finite {
         let acts = self.tip.row.is_some() || self.tip.at_node;
         let holds = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
-            if !holds {
+            // Among inverted elements it stays where it was.
+            if !holds && self.anatomy.region(&tip).is_none() {
                 self.be_outside();
             }
             return false;
@@ -115,7 +137,10 @@ impl Finite {
         };
         self.tip.outside = false;
         let recuts = self.tip.front.is_some();
-        self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
+        // A tip that is drawn back still bears what it has not been relieved of.
+        if advance > 0.0 {
+            self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
+        }
         if self.tip.in_channel {
             self.tip.cut_mm = 0.0;
         } else if advance > 0.0 {

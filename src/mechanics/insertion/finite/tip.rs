@@ -13,6 +13,8 @@ use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;
 
+/// A needle that was moved off bone catches up with the hand by as much in each part of a step, mm.
+const CATCH_UP_MM: f64 = 0.5;
 /// With a larger share of the place of the tip than this, the last node on the needle is where the tip is.
 const AT_NODE: f64 = 0.999;
 
@@ -65,6 +67,11 @@ struct Met {
 }
 
 impl Met {
+    /// Bone that was under the tip is there no more: the tip goes on from where it is.
+    fn leave(&mut self, line: &CentreLine) {
+        (self.bone, self.at) = (Bone::LEFT, line.tip());
+    }
+
     /// How deep the hand would have the tip of a needle that lies so, mm.
     fn asked(&self, line: &CentreLine) -> f64 {
         let tangent = line.at(line.length_mm()).tangent;
@@ -74,7 +81,7 @@ impl Met {
 
 impl Tip {
     pub fn in_bone(&self) -> bool {
-        self.bone.is_some()
+        self.bone.is_some_and(|met| met.bone.holds())
     }
 
     /// True where bone pins the tip, as of a needle that bends.
@@ -255,11 +262,11 @@ impl Finite {
 
     /// Notes bone that is met `at` a point, if none is yet.
     pub(super) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32) {
-        if self.tip.bone.is_none() {
+        if !self.tip.in_bone() {
             self.tip.bone = Some(Met {
                 at: *at,
                 bone: *bone,
-                behind: 0.0,
+                behind: self.tip.bone.map_or(0.0, |left| left.behind),
             });
             self.note(EventKind::Bone, *at, Some(region));
         }
@@ -276,7 +283,14 @@ impl Finite {
 
     /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. True if the base has moved.
     pub(super) fn hold_at_bone(&mut self) -> bool {
+        let tangent = self.line.at(self.line.length_mm()).tangent;
+        let (is_pinned, reference) = (self.tip.is_pinned(), self.tip.reference);
         let Some(met) = &mut self.tip.bone else { return false };
+        if !met.bone.holds() {
+            met.at += tangent.into_inner() * CATCH_UP_MM;
+        } else if !is_pinned && !met.bone.is_ahead(self.anatomy.as_ref(), &reference, &tangent) {
+            met.leave(&self.line);
+        }
         let asked = met.asked(&self.line);
         let behind = met.bone.behind_mm(asked);
         let moved = behind != met.behind;

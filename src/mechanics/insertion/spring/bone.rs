@@ -4,6 +4,9 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use crate::mechanics::insertion::Bone;
 
+/// A needle that was moved off bone catches up with the hand by as much in each part of a step, mm.
+const CATCH_UP_MM: f64 = 0.1;
+
 /// Bone that the tip has met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hold {
@@ -18,6 +21,15 @@ impl Hold {
     /// How deep the tip would be if nothing held it, mm.
     fn depth(&self, base: &Isometry3<f64>, length_mm: f64) -> f64 {
         (unloaded_tip(base, length_mm) - self.at).dot(&self.direction)
+    }
+
+    /// Goes on from where the needle is, where no bone is under its tip any more: the needle catches up with the hand.
+    pub fn leave(&mut self, hand: &Isometry3<f64>, length_mm: f64) {
+        if self.bone.holds() {
+            self.at += self.direction.into_inner() * self.depth(hand, length_mm).min(self.bone.penetration_mm);
+            self.bone = Bone::LEFT;
+        }
+        self.at += self.direction.into_inner() * CATCH_UP_MM;
     }
 
     /// Whether the needle has been drawn back from it.

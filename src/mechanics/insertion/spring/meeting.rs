@@ -146,10 +146,14 @@ impl MassSpring {
         if !far.is_met(self.parameters.lambda) {
             return;
         }
-        if at_tip && self.body.tip_node == TipNode::Held {
+        let holds = at_tip && self.body.tip_node == TipNode::Held;
+        // A surface takes its tissue along until its force is reached.
+        if holds && self.body.breaking {
+            return;
+        }
+        if holds {
             // Penetrated. The tissue gets this part of the step to draw the node back along the shaft before the next is taken.
             self.body.tip_node = TipNode::Penetrated;
-            self.broken();
             return;
         }
         for place in far.nearest_first(&corners) {
@@ -174,6 +178,9 @@ impl MassSpring {
 
     /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
     fn meet(&mut self, back: &Vector3<f64>) {
+        if self.body.breaking && self.body.tip_node == TipNode::Held {
+            return;
+        }
         let tip = self.tip().point_mm;
         let reference = tip + back;
         let region = self.anatomy.region(&reference);
@@ -203,7 +210,7 @@ impl MassSpring {
             return false;
         };
         self.body.region = region;
-        if self.body.hold.is_some() || travel <= STILL_MM {
+        if self.body.hold.is_some_and(|hold| hold.bone.holds()) || travel <= STILL_MM {
             return true;
         }
         let [mut outside, mut inside] = [before.point_mm, tip.point_mm];

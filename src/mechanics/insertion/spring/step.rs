@@ -44,6 +44,13 @@ impl MassSpring {
     /// Puts the needle where hand, bone and the forces of before have it. Returns how far it has been pushed along its base.
     fn place_needle(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>) -> f64 {
         let length = self.needle.length_mm();
+        // Bone is not where springs would have carried it.
+        let tip = self.tip().point_mm;
+        if let Some(hold) = &mut self.body.hold
+            && !(hold.bone.holds() && hold.bone.is_ahead(self.anatomy.as_ref(), &tip, &hold.direction))
+        {
+            hold.leave(hand, length);
+        }
         self.body.hold = self.body.hold.filter(|hold| !hold.is_left(hand, length));
         let hold = self.body.hold;
         let held = |hand: &Isometry3<f64>| hold.map_or(*hand, |hold| hold.hold_back(hand, length));
