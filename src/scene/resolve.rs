@@ -24,7 +24,7 @@ use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::tissue::{TissueError, TissueTable, bank};
 use crate::tracking::matrix::Rows;
 use crate::tracking::pose::Pose;
-use crate::tracking::probe::{BeamGrid, ProbeSpec};
+use crate::tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use crate::tracking::trajectory::Trajectory;
 use crate::tracking::world::World;
 use crate::volume::complete::{CompleteOptions, CompletionError, complete};
@@ -79,6 +79,8 @@ impl SceneFile {
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
+            let contact = framing.effects.contact.as_ref();
+            warnings.extend(contact.and_then(|contact| without_contact(&volume, &framing.grid, &probe, contact.reach_mm)));
         }
         warnings.extend(blind);
 
@@ -395,6 +397,32 @@ fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effe
 
 /// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.
 const LOOKS: usize = 24;
+
+/// Share of an array without contact above which that is told, percent.
+const MOST_DARK_PERCENT: usize = 25;
+
+/// A warning where much of the array has no body within reach at a pose of a path.
+fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, reach_mm: f64) -> Option<String> {
+    let dark = |pose: &Pose| {
+        let is_dark = |ray: &&Ray| {
+            let touches = |depth: f64| {
+                let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
+                let point = pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+                volume.label_index_at(&point).is_some_and(|label| label > 0)
+            };
+            !(0..=LOOKS).any(|at| touches(reach_mm * at as f64 / LOOKS as f64))
+        };
+        let step = (grid.lines() / LOOKS).max(1);
+        let looked = grid.rays().len().div_ceil(step);
+        100 * grid.rays().iter().step_by(step).filter(is_dark).count() / looked
+    };
+    let worst = path.keys().iter().map(|key| dark(&key.pose)).max()?;
+    (worst > MOST_DARK_PERCENT).then(|| {
+        format!(
+            "no body lies within {reach_mm} mm of {worst} % of the array (of the worst pose): there is no contact, and the frame is dark              there; another pose, or `effects.contact.reach_mm`"
+        )
+    })
+}
 
 fn sees(volume: &LabelVolume, grid: &BeamGrid, pose: &Pose) -> bool {
     let step = (grid.lines() / LOOKS).max(1);

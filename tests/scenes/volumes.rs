@@ -159,3 +159,18 @@ fn effects_are_the_usual_ones_or_those_named() {
     let named = resolve(&small("[effects.noise]")).expect("scene").settings.effects;
     assert!(named.noise.is_some() && named.speckle.is_none() && named.tone.is_none());
 }
+
+/// A probe of which half the array hangs in the air is told.
+#[test]
+fn an_array_in_the_air_is_told() {
+    let at = |x: f64| {
+        let text = format!(
+            "version = 1\n[volume]\nphantom = \"two-layer\"\nresolution_mm = 4\n[probe]\nkind = \"linear\"\nwidth_mm = 40\ndepth_mm = 50\n\
+             [pose]\nposition_mm = [{x}, 0, 0]\n"
+        );
+        resolve(&text).expect("a scene").warnings
+    };
+    let told = |warnings: &[String]| warnings.iter().any(|it| it.contains("no body lies within 12 mm of"));
+    assert!(!told(&at(0.0)), "{:?}", at(0.0));
+    assert!(told(&at(60.0)), "{:?}", at(60.0));
+}

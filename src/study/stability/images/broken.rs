@@ -175,7 +175,7 @@ pub fn meshes(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let rest = untouched(&mesh, broken);
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
             let case = format!("{}, {}", broken.what, name(&synth));
-            let world = synth.render_until("geometry", &straight())?;
+            let world = synth.render_until("contact", &straight())?;
             let whole = synth.render_until("slice", &place(mesh.nodes()))?;
             let picture = synth.render(&place(mesh.nodes()))?.pixels.clone();
             let found = synth.render_until("slice", &place(&broken.nodes))?;
