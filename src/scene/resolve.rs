@@ -80,7 +80,8 @@ impl SceneFile {
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
             let contact = framing.effects.contact.as_ref();
-            warnings.extend(contact.and_then(|contact| without_contact(&volume, &framing.grid, &probe, contact.reach_mm)));
+            warnings
+                .extend(contact.and_then(|contact| without_contact(&volume, &framing.grid, &probe, contact.reach_mm)));
         }
         warnings.extend(blind);
 

@@ -166,7 +166,7 @@ fn an_array_in_the_air_is_told() {
     let at = |x: f64| {
         let text = format!(
             "version = 1\n[volume]\nphantom = \"two-layer\"\nresolution_mm = 4\n[probe]\nkind = \"linear\"\nwidth_mm = 40\ndepth_mm = 50\n\
-             [pose]\nposition_mm = [{x}, 0, 0]\n"
+             [pose]\nposition_mm = [{x}, 0, 45]\ndirection = [0, 0, -1]\nlateral = [1, 0, 0]\n"
         );
         resolve(&text).expect("a scene").warnings
     };

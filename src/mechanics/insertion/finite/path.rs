@@ -106,8 +106,7 @@ impl Finite {
         let acts = self.tip.row.is_some() || self.tip.at_node;
         let holds = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
-            // Among inverted elements it stays where it was.
-            if !holds && self.anatomy.region(&tip).is_none() {
+            if !holds {
                 self.be_outside();
             }
             return false;
