@@ -464,3 +464,16 @@ fn turning_back_after_a_change_of_the_mesh_is_smooth() {
     }
     assert!(turned >= 1, "a node comes off at some of these depths");
 }
+
+/// Soft tissue is dented until elements fold before its skin breaks: the needle goes on through it all the same.
+#[test]
+fn a_needle_goes_on_after_a_deep_dent() {
+    let layers = Layers(vec![(0.0, behind(2.0)), (3.0, FAT), (25.0, behind(0.5))]);
+    for young_kpa in [5.0, 10.0] {
+        let mut finite = carried(&layers, 8.0, young_kpa);
+        let steps = travel(&mut finite, -1.0, 60.0, 0.1);
+        let last = steps.last().expect("steps");
+        assert!(last.contacts >= 4 && resistance(last) < 1.0, "{young_kpa} kPa: {last:?}");
+        assert!(surfaces(&steps).contains(&(EventKind::Puncture, Some(2))), "{young_kpa} kPa");
+    }
+}
