@@ -473,7 +473,13 @@ fn a_needle_goes_on_after_a_deep_dent() {
         let mut finite = carried(&layers, 8.0, young_kpa);
         let steps = travel(&mut finite, -1.0, 60.0, 0.1);
         let last = steps.last().expect("steps");
-        assert!(last.contacts >= 4 && resistance(last) < 1.0, "{young_kpa} kPa: {last:?}");
-        assert!(surfaces(&steps).contains(&(EventKind::Puncture, Some(2))), "{young_kpa} kPa");
+        assert!(
+            last.contacts >= 4 && resistance(last) < 1.0,
+            "{young_kpa} kPa: {last:?}"
+        );
+        assert!(
+            surfaces(&steps).contains(&(EventKind::Puncture, Some(2))),
+            "{young_kpa} kPa"
+        );
     }
 }
