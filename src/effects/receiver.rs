@@ -2,7 +2,7 @@
 //!
 //! Acoustic clutter, which is reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's
 //! frame, has the point spread of the probe, is strongest near the array, is attenuated like any echo and fades beyond that from one
-//! round trip to the next ([`clutter`]). Electronic noise has the same power at every depth; the time-gain compensation after it
+//! round trip to the next (`clutter`). Electronic noise has the same power at every depth; the time-gain compensation after it
 //! lifts it. Neither is in phase with the echo, so powers add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of the clutter at the
 //! sample, `n^2` that of the noise and `E` of mean 1. In bladders clutter was found to dominate by far, and noise to be weak (M. A.
 //! Lediju et al., Ultrasonic Imaging 30 (2008) 151).
