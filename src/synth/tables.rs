@@ -440,7 +440,7 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 }
 
 /// Refuses a frame that the memory does not hold before any of it is taken: map, grey levels and bytes of its pixels, the copy
-/// that is handed out, and a position, an amplitude and a label a sample.
+/// that is handed out, and a position, an amplitude and a label a sample, and the clutter as it is made.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
     let planes = effects
@@ -448,13 +448,14 @@ fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> 
         .as_ref()
         .map_or(1, |thickness| u64::from(thickness.planes));
     let samples = (grid.lines() * grid.samples()) as u64;
+    let clutter = if effects.receiver.is_some() { 20 * samples } else { 0 };
     let what = format!(
         "a frame of {width} x {height} pixels from {} x {} samples",
         grid.lines(),
         grid.samples()
     );
     Ok(memory::check(
-        14 * (width * height) as u64 + 21 * samples * planes,
+        14 * (width * height) as u64 + 21 * samples * planes + clutter,
         &what,
     )?)
 }

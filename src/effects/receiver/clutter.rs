@@ -16,7 +16,7 @@ use crate::tracking::probe::BeamGrid;
 /// Lateral length over that of the point spread.
 const WIDENED: f64 = 1.8;
 /// Echoes to an area of the full widths of the kernels.
-const TO_A_CELL: f64 = 0.5;
+const TO_A_CELL: f64 = 1.0;
 /// Standard deviation of the bands, dB, and their thickness, mm.
 const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
