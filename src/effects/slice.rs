@@ -24,11 +24,11 @@ use crate::synth::tables::Tables;
 pub struct Slice {
     /// What decides the label near a boundary.
     pub boundary: Boundary,
-    /// What lies beyond the volume where its face cuts the body.
+    /// Continuation of the body beyond the faces of the volume that cut it.
     pub beyond: Beyond,
 }
 
-/// What lies beyond the volume where its face cuts the body.
+/// Continuation of the body beyond the faces of the volume that cut it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beyond {

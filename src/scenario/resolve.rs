@@ -229,7 +229,7 @@ impl ScenarioFile {
         for (region, of) in &tissue.interactions {
             if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
                 warnings.push(format!(
-                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N)",
+                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
                     tissue
                         .region_names
                         .get(region)

@@ -402,7 +402,7 @@ const LOOKS: usize = 24;
 /// Share of an array without contact above which that is told, percent.
 const MOST_DARK_PERCENT: usize = 25;
 
-/// A warning where much of the array has no body within reach at a pose of a path.
+/// Warning of poses at which much of the array has no body within reach.
 fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, reach_mm: f64) -> Option<String> {
     let dark = |pose: &Pose| {
         let is_dark = |ray: &&Ray| {
@@ -420,7 +420,7 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
     let worst = path.keys().iter().map(|key| dark(&key.pose)).max()?;
     (worst > MOST_DARK_PERCENT).then(|| {
         format!(
-            "no body lies within {reach_mm} mm of {worst} % of the array (of the worst pose): there is no contact, and the frame is dark              there; another pose, or `effects.contact.reach_mm`"
+            "{worst} % of the array has no body within {reach_mm} mm (at the worst pose) and is dark: move the probe, or raise `effects.contact.reach_mm`"
         )
     })
 }

@@ -38,7 +38,7 @@ impl Bone {
         self.stiffness_n_per_mm * asked_mm.clamp(0.0, self.penetration_mm)
     }
 
-    /// Bone that the needle has been moved off sideways: it holds no more, and the needle catches up with the hand.
+    /// State after a needle has slid sideways off bone: no force; the needle catches up with the hand.
     pub(super) const LEFT: Self = Self {
         stiffness_n_per_mm: 0.0,
         penetration_mm: 0.0,
@@ -49,7 +49,7 @@ impl Bone {
         self.stiffness_n_per_mm > 0.0
     }
 
-    /// Whether bone lies on a needle's way in the tissue at rest: from a little behind a point to a little farther than it may go in.
+    /// True if bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond the largest penetration.
     pub(super) fn is_ahead(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
         (0..=samples).any(|at| {

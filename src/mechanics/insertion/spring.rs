@@ -129,7 +129,7 @@ impl MassSpring {
         self.body.awake
     }
 
-    /// Where the needle comes from at the first step: one that begins in the body has been pushed in along itself.
+    /// Pose of the base before the first step: a needle that begins in the body has been pushed in along its axis.
     fn begin(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         self.needle.place(base, None, &[], &[], &mut self.body.line);
         let inside = self.anatomy.region(&self.body.line.tip()).is_some();

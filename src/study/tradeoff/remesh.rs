@@ -6,7 +6,7 @@
 //! refinement in the same run: K^c, sampled columns of K^-1 and the displacements under a fixed load in some states of the first
 //! insertion, of which the worst counts, and K^c again after more and more updates.
 //!
-//! What a contender promises is checked: one that claims to be exact up to rounding must leave a relative residual |K X e - e| / (|K| |X e|) and
+//! Promises are checked: a contender that claims to be exact up to rounding must leave a relative residual |K X e - e| / (|K| |X e|) and
 //! errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
 //! [`Options`](crate::mechanics::tissue::remesh::Options)), or its row is flagged.
 //!

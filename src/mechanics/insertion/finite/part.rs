@@ -33,7 +33,7 @@ impl Finite {
         self.base = Some(*base);
     }
 
-    /// Where the needle comes from at the first step: one that begins in the body has been pushed in along itself.
+    /// Pose of the base before the first step: a needle that begins in the body has been pushed in along its axis.
     fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         self.needle.place(base, None, &[], &[], &mut self.line);
         match self.anatomy.region(&self.line.tip()) {
