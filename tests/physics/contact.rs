@@ -2,6 +2,7 @@
 
 use insonify::effects::contact::Contact;
 use insonify::effects::slice::Beyond;
+use insonify::synth::layers::Layer;
 use insonify::tracking::probe::ProbeShape;
 
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
@@ -89,5 +90,26 @@ fn a_body_goes_on_where_the_volume_is_cut() {
             "{name}: {goes_on:?}"
         );
         assert_eq!(void[..=50], goes_on[..=50], "{name}");
+    }
+}
+
+/// The layer `beyond` marks what is continued, and nothing where nothing is.
+#[test]
+fn the_layer_beyond_marks_what_is_continued() {
+    let frame = Frame::around([0.0, 20.0, 0.0], [41, 41, 5], 1.0);
+    let body = anatomy::of(frame, &[SILENT, PLAIN], |_| 1);
+    let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 20.0, LINES, 20);
+    let mut settings = scene::settings(probe, scene::bare());
+    for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {
+        settings.effects.slice.beyond = beyond;
+        let mut synth = crate::synthesizer(&body, &settings, insonify::synth::Backend::Cpu);
+        let state = scene::straight();
+        let beam = synth.render_until("slice", &state).expect("a beam");
+        let tables = synth.tables();
+        let image = |layer: Layer| layer.image(&beam, tables, &state.probe_to_world);
+        let count = |pixels: Vec<u16>| pixels.into_iter().map(f64::from).sum::<f64>();
+        let share = count(image(Layer::Beyond)) / count(image(Layer::Sector));
+        // 19.5 of the 60 mm of the array lie beside the 41 mm of the volume; columns are 60 mm over the width of the image.
+        assert!((share - expected).abs() < 0.05, "{beyond:?}: {share}, not {expected}");
     }
 }
