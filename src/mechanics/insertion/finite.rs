@@ -247,6 +247,7 @@ impl Finite {
         let measured = self.tip.held(base);
         self.needle.place(&measured, None, &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
+        let end = self.end_in_tissue();
         let at_rest = self.tip_at_rest();
         let bare = self.depth_of_bare();
         let outcome = &mut self.outcome;
@@ -255,7 +256,7 @@ impl Finite {
         outcome.tip_mm = tip;
         outcome.tip_at_rest_mm = at_rest;
         outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
-        outcome.inserted_mm = (self.line.length_mm() - first).max(bare);
+        outcome.inserted_mm = (end - first).max(bare);
         outcome.contacts = self.contacts.len();
         outcome.stuck = self.contacts.iter().filter(|contact| contact.slider.is_stuck()).count();
         outcome.probe_contacts = self.press.as_ref().map_or(0, Press::touching);

@@ -39,10 +39,10 @@ pub struct Outcome {
     pub tip_mm: Point3<f64>,
     /// Where the tissue at the tip is at rest, mm; none outside.
     pub tip_at_rest_mm: Option<Point3<f64>>,
-    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone, from where
-    /// the needle was stopped, not from the hand.
+    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone, a rigid
+    /// needle's from where it was stopped; that of one that bends grows as the hand goes on.
     pub tip_deflection_mm: f64,
-    /// How deep the tip is along the path in the tissue, mm: 0 outside.
+    /// Length of the needle in the tissue, mm: 0 outside.
     pub inserted_mm: f64,
     /// Needle contacts.
     pub contacts: usize,
@@ -103,7 +103,7 @@ pub enum EventKind {
     Bone,
     /// The tip enters a region that must not be hit.
     Critical,
-    /// The tip has left the body.
+    /// The tip has left the body, drawn out or on another side.
     Out,
     /// A seed is left.
     Seed,

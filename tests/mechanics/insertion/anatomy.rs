@@ -483,3 +483,27 @@ fn a_needle_goes_on_after_a_deep_dent() {
         );
     }
 }
+
+/// A surface that is held has no node to move to the needle: it breaks at its own force all the same, and what is behind it is cut.
+#[test]
+fn a_held_surface_is_felt() {
+    let mesh = block([60.0, 60.0, 80.0], 10.0);
+    let held = (0..mesh.nodes().len() as u32).filter(|node| mesh.nodes()[*node as usize][2] == 0.0);
+    let mut setup = on_table(mesh.clone(), Interaction::default());
+    setup
+        .fixed
+        .extend(held.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))));
+    setup.anatomy = Some(Arc::new(Layers(vec![(0.0, behind(2.0)), (2.0, FAT)])));
+    let mut finite = build(setup);
+    let steps = travel(&mut finite, -1.0, 20.0, 0.05);
+    let broken = steps
+        .iter()
+        .position(|step| step.events.iter().any(|event| event.kind == EventKind::Puncture));
+    let broken = broken.expect("a puncture");
+    let at = &steps[broken];
+    assert!((resistance(at) - 2.0).abs() < 0.01 && at.inserted_mm < 0.2, "{at:?}");
+    // The tip cuts, and the shaft rubs once a node lies on it.
+    assert!(steps[broken + 2..].iter().all(|step| resistance(step) > 0.09));
+    let last = resistance(steps.last().expect("steps"));
+    assert!((last - (0.1 + 0.005 * 20.0)).abs() < 0.05, "{last}");
+}

@@ -1,6 +1,6 @@
 //! Hard cases: places, step lengths, materials, bone.
 
-use insonify::mechanics::insertion::{EventKind, Instruments, Interaction, Model, StepError};
+use insonify::mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, StepError};
 use insonify::mechanics::mesh::TetMesh;
 
 use super::support::{USUAL, assert_finite, block, build, events, on_table, resistance, setup, tip_at, travel};
@@ -130,7 +130,14 @@ fn through_and_through() {
     let inward = travel(&mut finite, -2.0, 60.0, 0.25);
     inward.iter().for_each(assert_finite);
     let last = inward.last().expect("steps");
-    assert!(last.inserted_mm > 40.0 && last.contacts >= 2);
+    assert!((last.inserted_mm - 30.0).abs() < 1.0 && last.contacts >= 2, "{last:?}");
+    let out_of = |steps: &[Outcome]| {
+        events(steps)
+            .iter()
+            .filter(|event| event.kind == EventKind::Out)
+            .count()
+    };
+    assert_eq!(out_of(&inward), 1, "told where it comes out");
     // Only the shaft within the 30 mm of tissue, which it drags along a little, rubs.
     let [near, far] = [inward.len() - 60, inward.len() - 1].map(|at| resistance(&inward[at]));
     assert!(
@@ -139,6 +146,6 @@ fn through_and_through() {
     );
     let out = travel(&mut finite, 60.0, -20.0, 0.25);
     out.iter().for_each(assert_finite);
-    assert_eq!(finite.held(), 0);
+    assert_eq!((finite.held(), out_of(&out)), (0, 1));
     assert_eq!(out.last().map(|it| it.on_hand.force_n.norm()), Some(0.0));
 }

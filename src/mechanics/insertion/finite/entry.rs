@@ -46,6 +46,8 @@ impl Finite {
             self.tip.bare = true;
             if bone.is_none() {
                 self.refuse(region);
+                self.meet_surface(region);
+                self.tip.found = Some(*place);
             }
             return false;
         };

@@ -98,9 +98,9 @@ impl Finite {
         self.break_surface();
         let tip = self.line.tip();
         let found = match (self.contacts.is_empty(), self.tip.element) {
-            (true, _) => self.enter(&tip),
-            (false, Some(element)) => self.find(&tip, element),
-            (false, None) => None,
+            (true, _) if self.tip.row.is_none() => self.enter(&tip),
+            (_, Some(element)) => self.find(&tip, element),
+            (_, None) => None,
         };
         // A surface that holds takes its tissue along.
         let acts = self.tip.row.is_some() || self.tip.at_node;
@@ -131,6 +131,9 @@ impl Finite {
         self.tip.element = Some(place.element);
         self.lay_path(&before);
         let Some(region) = self.tip.region else {
+            if !self.tip.outside {
+                self.note(EventKind::Out, tip, None);
+            }
             self.be_outside();
             return false;
         };
@@ -154,7 +157,7 @@ impl Finite {
         if self.tip.is_pinned() {
             return false;
         }
-        self.tip.found = Some(place).filter(|_| !self.contacts.is_empty());
+        self.tip.found = Some(place);
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 

@@ -139,7 +139,8 @@ impl Finite {
             if let (true, Some(before), Some(last)) = (self.tip.at_node, before, self.contacts.last_mut()) {
                 last.slider.state = before;
             }
-            if self.cutting() > 0.0 && !self.tip.at_node {
+            let yields = |node: &u32| !self.adaptation.mesh().dofs().of(*node).contains(&NONE);
+            if self.cutting() > 0.0 && !self.tip.at_node && corners.iter().any(yields) {
                 self.take_corners(&place);
                 self.tip.row = Some(self.row_at(&place, Slider::new(state)));
             }
@@ -149,8 +150,7 @@ impl Finite {
     /// Sets the bounds of all sliders.
     pub(super) fn bound(&mut self) {
         // Shaft that has come out on another side does not rub.
-        let last = self.contacts.last().filter(|_| self.tip.outside);
-        let end = last.map_or(self.line.length_mm(), |last| last.arc + last.laid());
+        let end = self.end_in_tissue();
         let cut_mm = if self.tip.outside { 0.0 } else { self.tip.cut_mm };
         bound(self.anatomy.as_ref(), &mut self.contacts, end, cut_mm);
         let cutting = self.cutting();
@@ -169,6 +169,12 @@ impl Finite {
             }
             _ => {}
         }
+    }
+
+    /// Arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another side.
+    pub(super) fn end_in_tissue(&self) -> f64 {
+        let last = self.contacts.last().filter(|_| self.tip.outside);
+        last.map_or(self.line.length_mm(), |last| last.arc + last.laid())
     }
 
     /// Cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
