@@ -1,51 +1,121 @@
-// Specular echoes at steps of impedance. Twin of src/effects/interface.rs.
+// Specular echoes where the label changes along a scanline. Twin of src/effects/interface.rs.
 struct Params {
-    lines: u32,
+    world_to_index: array<vec4<f32>, 3>,
+    size: vec3<u32>,
+    mirrored: u32,
+    stride: vec3<u32>,
     samples: u32,
-    sample_mm: f32,
+    seed: vec2<u32>,
     mirror: f32,
     directivity: f32,
-    unused_a: u32,
-    unused_b: u32,
-    unused_c: u32,
+    steady: f32,
+    diffuse: f32,
+    per_mm: f32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
-@group(0) @binding(1) var<storage, read> labels: array<u32>;
-@group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
-@group(0) @binding(3) var<storage, read> line_spacing: array<f32>;
-@group(0) @binding(4) var<storage, read_write> amplitudes: array<f32>;
+@group(0) @binding(1) var<storage, read> positions: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> labels: array<u32>;
+@group(0) @binding(3) var<storage, read> label_rows: array<LabelRow>;
+@group(0) @binding(4) var<storage, read> voxels: array<u32>;
 
-fn column(line: u32, sample: u32) -> vec3<f32> {
-    let at = line * params.samples + sample;
-    return vec3<f32>(
-        label_rows[labels[at - 1u]].impedance,
-        label_rows[labels[at]].impedance,
-        label_rows[labels[at + 1u]].impedance,
-    );
+// main
+@group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
+
+// before_speckle
+@group(0) @binding(5) var<storage, read_write> specular: array<vec2<f32>>;
+
+const REACH = 3;
+
+fn voxel_index(position: vec3<f32>) -> vec3<f32> {
+    let m = params.world_to_index;
+    let p = vec4<f32>(position, 1.0);
+    return vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p));
+}
+
+// Gradient, in voxels, of how far the label `far` outweighs `near` around a position.
+fn gradient(near: u32, far: u32, position: vec3<f32>) -> vec3<f32> {
+    let place = place_within(voxel_index(position) + 0.5, params.size, params.mirrored);
+    if !place.known {
+        return vec3<f32>(0.0);
+    }
+    let stride = vec3<f32>(params.stride);
+    let at = (place.shifted - 0.5) / stride;
+    let base = vec3<i32>(at + 1.0) - 1;
+    let fraction = at - vec3<f32>(base);
+    let step = vec3<i32>(params.stride);
+    var sum = vec3<f32>(0.0);
+    for (var k = 1 - REACH; k <= REACH; k++) {
+        for (var j = 1 - REACH; j <= REACH; j++) {
+            for (var i = 1 - REACH; i <= REACH; i++) {
+                let tap = vec3<i32>(i, j, k);
+                let label = voxel((base + tap) * step, params.size);
+                if label == far || label == near {
+                    let x = vec3<f32>(tap) - fraction;
+                    let rest = 1.0 - x * x * (1.0 / f32(REACH * REACH));
+                    let w = rest * rest;
+                    let slope = x * rest;
+                    let all = vec3<f32>(slope.x * w.y * w.z, w.x * slope.y * w.z, w.x * w.y * slope.z);
+                    sum += select(-all, all, label == far);
+                }
+            }
+        }
+    }
+    return select(sum, -sum, place.mirrored) / stride;
+}
+
+// Cosine of the angle between the normal of a boundary and the beam.
+fn cosine(near: u32, far: u32, before: vec3<f32>, at: vec3<f32>, after: vec3<f32>) -> f32 {
+    let slope = gradient(near, far, at);
+    let m = params.world_to_index;
+    let along = dot(slope, voxel_index(after) - voxel_index(before));
+    let steep = m[0].xyz * slope.x + m[1].xyz * slope.y + m[2].xyz * slope.z;
+    let way = after - before;
+    let product = sqrt(dot(steep, steep) * dot(way, way));
+    return select(0.0, min(abs(along) / product, 1.0), product > 0.0);
+}
+
+fn coefficient(near: u32, far: u32) -> f32 {
+    let a = label_rows[near];
+    let b = label_rows[far];
+    let total = a.impedance + b.impedance;
+    let step = select(0.0, abs(a.impedance - b.impedance) / total, total > 0.0);
+    return max(step, abs(a.capsule - b.capsule));
+}
+
+// Echo of the step of labels across a sample.
+fn echo(line: u32, sample: u32) -> vec2<f32> {
+    if sample < 1u || sample + 1u >= params.samples {
+        return vec2<f32>(0.0);
+    }
+    let index = line * params.samples + sample;
+    let near = labels[index - 1u];
+    let far = labels[index + 1u];
+    if near == far {
+        return vec2<f32>(0.0);
+    }
+    let reflected = coefficient(near, far);
+    if reflected == 0.0 {
+        return vec2<f32>(0.0);
+    }
+    let at = positions[index].xyz;
+    let square = cosine(near, far, positions[index - 1u].xyz, at, positions[index + 1u].xyz);
+    let size = 0.5 * params.mirror * reflected * power(square, params.directivity);
+    let rough = scatterer(at * params.per_mm, params.seed);
+    return size * (vec2<f32>(params.steady, 0.0) + params.diffuse * rough);
 }
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let sample = id.x;
-    let line = id.y;
-    if sample < 1u || sample + 1u >= params.samples {
-        return;
+    if id.x < params.samples {
+        amplitudes[id.y * params.samples + id.x] += length(echo(id.y, id.x));
     }
-    let a = column(line - min(line, 1u), sample);
-    let b = column(line, sample);
-    let c = column(min(line + 1u, params.lines - 1u), sample);
-    let along = 0.25 * a + 0.5 * b + 0.25 * c;
-    let lateral_step = 0.25 * (c.x - a.x) + 0.5 * (c.y - a.y) + 0.25 * (c.z - a.z);
-    let line_mm = line_spacing[sample];
-    let axial = (along.z - along.x) / (params.sample_mm + params.sample_mm);
-    let lateral = lateral_step / (line_mm + line_mm);
-    let steepness = sqrt(axial * axial + lateral * lateral);
-    let total = along.x + along.z;
-    if axial == 0.0 || total <= 0.0 {
-        return;
+}
+
+@compute @workgroup_size(64)
+fn before_speckle(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < params.samples {
+        specular[id.y * params.samples + id.x] = echo(id.y, id.x);
     }
-    let cosine = abs(axial) / steepness;
-    let share = 0.5 * abs(along.z - along.x) / total * power(cosine, params.directivity);
-    amplitudes[line * params.samples + sample] += params.mirror * share;
 }

@@ -1,5 +1,6 @@
-// Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point. Then the mean over the
-// beam of what that lets through. Twin of src/effects/shadow.rs and src/effects/shadow/penumbra.rs.
+// Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
+// likewise, and the mean over the rays. Then the mean over the beam of what that lets through. Twin of src/effects/shadow.rs,
+// src/effects/shadow/aperture.rs and src/effects/shadow/penumbra.rs.
 struct Params {
     lines: u32,
     samples: u32,
@@ -7,8 +8,8 @@ struct Params {
     opaque_units: u32,
     needle_units: f32,
     exponent: f32,
-    unused_a: u32,
-    unused_b: u32,
+    opens: u32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -19,6 +20,14 @@ struct Params {
 @group(0) @binding(3) var<storage, read_write> through: array<f32>;
 @group(0) @binding(4) var<storage, read_write> losses: array<u32>;
 @group(0) @binding(5) var<storage, read> needle_mask: array<vec2<f32>>;
+
+// Of the rays.
+@group(0) @binding(3) var<storage, read> shifts: array<u32>;
+@group(0) @binding(4) var<storage, read_write> of_rays: array<f32>;
+
+// Of the aperture.
+@group(0) @binding(1) var<storage, read> shifts_again: array<u32>;
+@group(0) @binding(2) var<storage, read> let_through: array<f32>;
 
 // Of the penumbra.
 @group(0) @binding(3) var<storage, read> one_way: array<f32>;
@@ -40,6 +49,8 @@ fn tissue_and_needle_loss(index: u32) -> u32 {
 
 // Exclusive prefix over the workgroup of each thread's sum; saturating addition of non-negative numbers is associative.
 fn exclusive(thread: u32, sum: u32) -> u32 {
+    // The sums of an earlier call may still be read.
+    workgroupBarrier();
     partial[thread] = sum;
     workgroupBarrier();
     for (var reach = 1u; reach < THREADS; reach *= 2u) {
@@ -57,9 +68,13 @@ fn exclusive(thread: u32, sum: u32) -> u32 {
     return partial[thread - 1u];
 }
 
-fn leave(index: u32, units: u32) {
-    losses[index] = units;
-    through[index] = exp2(f32(units) * params.exponent);
+// What does not occlude.
+fn soft(loss: u32) -> u32 {
+    return select(loss, 0u, params.opens == 1u && loss >= params.opaque_units);
+}
+
+fn power(units: u32) -> f32 {
+    return exp2(f32(units) * params.exponent);
 }
 
 @compute @workgroup_size(256)
@@ -68,15 +83,20 @@ fn tissue(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    var sum = 0u;
-    for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_loss(line + i), MOST_UNITS);
-    }
-    var above = exclusive(thread, sum);
+    var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
         let own = tissue_loss(line + i);
-        leave(line + i, min(above + own / 2u, MOST_UNITS));
-        above = min(above + own, MOST_UNITS);
+        sums = min(sums + vec2<u32>(own, soft(own)), vec2<u32>(MOST_UNITS));
+    }
+    let first = exclusive(thread, sums.x);
+    var above = vec2<u32>(first, exclusive(thread, sums.y));
+    for (var i = start; i < end; i++) {
+        let own = tissue_loss(line + i);
+        let both = vec2<u32>(own, soft(own));
+        let down_to = min(above + both / 2u, vec2<u32>(MOST_UNITS));
+        losses[line + i] = down_to.x;
+        through[line + i] = power(down_to.y);
+        above = min(above + both, vec2<u32>(MOST_UNITS));
     }
 }
 
@@ -86,16 +106,120 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
+    var sums = vec2<u32>(0u);
+    for (var i = start; i < end; i++) {
+        let all = tissue_and_needle_loss(line + i);
+        let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
+        sums = min(sums + vec2<u32>(all, left), vec2<u32>(MOST_UNITS));
+    }
+    let first = exclusive(thread, sums.x);
+    var above = vec2<u32>(first, exclusive(thread, sums.y));
+    for (var i = start; i < end; i++) {
+        let all = tissue_and_needle_loss(line + i);
+        let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
+        let both = vec2<u32>(all, left);
+        let down_to = min(above + both / 2u, vec2<u32>(MOST_UNITS));
+        losses[line + i] = down_to.x;
+        through[line + i] = power(down_to.y);
+        above = min(above + both, vec2<u32>(MOST_UNITS));
+    }
+}
+
+const RAYS = 5u;
+const SIDE = 2u;
+
+// The scanline, or -1, where a ray of an element is, `shift` scanlines from it. Backwards: the element of a place.
+fn aside(ray: u32, from_line: u32, shift: u32) -> i32 {
+    if ray < SIDE {
+        return select(-1, i32(from_line - shift), shift <= from_line);
+    }
+    return select(-1, i32(from_line + shift), shift < params.lines - from_line);
+}
+
+// Row of the shifts of a ray beside the middle.
+fn shift_row(ray: u32) -> u32 {
+    return select(ray - SIDE - 1u, SIDE - 1u - ray, ray < SIDE) * params.samples;
+}
+
+// Loss of what occludes the ray of an element at a sample; with a needle, its index too.
+fn ray_index(ray: u32, element: u32, sample: u32) -> i32 {
+    var line = i32(element);
+    if ray != SIDE {
+        line = aside(ray, element, shifts[shift_row(ray) + sample]);
+    }
+    return select(-1, line * i32(params.samples) + i32(sample), line >= 0);
+}
+
+fn hard_loss(index: i32) -> u32 {
+    if index < 0 {
+        return 0u;
+    }
+    let loss = tissue_loss(u32(index));
+    return select(0u, loss, loss >= params.opaque_units);
+}
+
+fn hard_or_needle_loss(index: i32) -> u32 {
+    if index < 0 {
+        return 0u;
+    }
+    return hard_loss(index) + u32(needle_mask[index].y * params.needle_units);
+}
+
+@compute @workgroup_size(256)
+fn rays(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let each = (params.samples + THREADS - 1u) / THREADS;
+    let start = min(thread * each, params.samples);
+    let end = min(start + each, params.samples);
+    let row = (group.z * params.lines + group.y) * params.samples;
     var sum = 0u;
     for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_and_needle_loss(line + i), MOST_UNITS);
+        sum = min(sum + hard_loss(ray_index(group.z, group.y, i)), MOST_UNITS);
     }
     var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
-        let own = tissue_and_needle_loss(line + i);
-        leave(line + i, min(above + own / 2u, MOST_UNITS));
+        let own = hard_loss(ray_index(group.z, group.y, i));
+        of_rays[row + i] = power(min(above + own / 2u, MOST_UNITS));
         above = min(above + own, MOST_UNITS);
     }
+}
+
+@compute @workgroup_size(256)
+fn rays_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let each = (params.samples + THREADS - 1u) / THREADS;
+    let start = min(thread * each, params.samples);
+    let end = min(start + each, params.samples);
+    let row = (group.z * params.lines + group.y) * params.samples;
+    var sum = 0u;
+    for (var i = start; i < end; i++) {
+        sum = min(sum + hard_or_needle_loss(ray_index(group.z, group.y, i)), MOST_UNITS);
+    }
+    var above = exclusive(thread, sum);
+    for (var i = start; i < end; i++) {
+        let own = hard_or_needle_loss(ray_index(group.z, group.y, i));
+        of_rays[row + i] = power(min(above + own / 2u, MOST_UNITS));
+        above = min(above + own, MOST_UNITS);
+    }
+}
+
+// The mean of what the rays to a sample let through.
+@compute @workgroup_size(64)
+fn aperture(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    var sum = 0.0;
+    var count = 0.0;
+    for (var ray = 0u; ray < RAYS; ray++) {
+        var element = i32(id.y);
+        if ray != SIDE {
+            element = aside(RAYS - 1u - ray, id.y, shifts_again[shift_row(ray) + id.x]);
+        }
+        if element >= 0 {
+            sum += let_through[(ray * params.lines + u32(element)) * params.samples + id.x];
+            count += 1.0;
+        }
+    }
+    through[id.y * params.samples + id.x] *= sum / count;
 }
 
 // There and back through the mean over the beam.

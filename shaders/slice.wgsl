@@ -2,7 +2,7 @@
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     size: vec3<u32>,
-    vote: u32,
+    boundary: u32,
     lines: u32,
     samples: u32,
     mirrored: u32,
@@ -15,12 +15,6 @@ struct Params {
 @group(0) @binding(3) var<storage, read> label_rows: array<LabelRow>;
 @group(0) @binding(4) var<storage, read_write> labels: array<u32>;
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
-
-fn voxel(at: vec3<i32>) -> u32 {
-    let p = vec3<u32>(clamp(at, vec3<i32>(0), vec3<i32>(params.size) - 1));
-    let index = p.x + params.size.x * (p.y + params.size.y * p.z);
-    return (voxels[index >> 2u] >> (8u * (index & 3u))) & 0xffu;
-}
 
 fn majority(corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
     var held = corners;
@@ -48,41 +42,71 @@ fn majority(corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
     return best;
 }
 
-fn holds(shifted: vec3<f32>) -> bool {
-    return all(shifted >= vec3<f32>(0.0)) && all(shifted < vec3<f32>(params.size));
+// Weights of the cubic B-spline on the four points around a fraction of a step.
+fn spline(t: f32) -> vec4<f32> {
+    let u = 1.0 - t;
+    return vec4<f32>(u * u * u, 1.0 + 3.0 * u * (1.0 + t * u), 1.0 + 3.0 * t * (1.0 + t * u), t * t * t) * (1.0 / 6.0);
+}
+
+// Of the labels of a cell, the one with the largest sum of B-spline weights.
+fn smooth_label(base: vec3<i32>, corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
+    var held = corners;
+    let x = spline(fraction.x);
+    var y = spline(fraction.y);
+    var z = spline(fraction.z);
+    var shares: array<f32, 8>;
+    for (var k = 0; k < 4; k++) {
+        for (var j = 0; j < 4; j++) {
+            let weight = y[j] * z[k];
+            let at = base + vec3<i32>(-1, j - 1, k - 1);
+            let row = vec4<u32>(
+                voxel(at, params.size),
+                voxel(at + vec3<i32>(1, 0, 0), params.size),
+                voxel(at + vec3<i32>(2, 0, 0), params.size),
+                voxel(at + vec3<i32>(3, 0, 0), params.size),
+            );
+            for (var c = 0u; c < 8u; c++) {
+                shares[c] += weight * dot(select(vec4<f32>(0.0), x, row == vec4<u32>(held[c])), vec4<f32>(1.0));
+            }
+        }
+    }
+    var best = held[0];
+    var best_share = -1.0;
+    for (var c = 0u; c < 8u; c++) {
+        if shares[c] > best_share || (shares[c] == best_share && held[c] < best) {
+            best = held[c];
+            best_share = shares[c];
+        }
+    }
+    return best;
 }
 
 fn label_at(position: vec3<f32>) -> u32 {
     let m = params.world_to_index;
     let p = vec4<f32>(position, 1.0);
-    var index = vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p));
-    var shifted = index + 0.5;
-    if !holds(shifted) {
-        let size = vec3<f32>(params.size);
-        if params.mirrored == 0u || voxel(vec3<i32>(clamp(shifted, vec3<f32>(0.0), size - 1.0))) == 0u {
-            return 0u;
-        }
-        let beyond = min(2.0 * size - shifted, size - 1e-3);
-        shifted = select(select(shifted, beyond, shifted >= size), -shifted, shifted < vec3<f32>(0.0));
-        if !holds(shifted) {
-            return 0u;
-        }
-        index = shifted - 0.5;
+    let place = place_within(vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p)) + 0.5, params.size, params.mirrored);
+    if !place.known {
+        return 0u;
     }
-    if params.vote == 0u {
-        return voxel(vec3<i32>(shifted));
+    if params.boundary == 0u {
+        return voxel(vec3<i32>(place.shifted), params.size);
     }
+    let index = place.shifted - 0.5;
     let base = vec3<i32>(index + 1.0) - 1;
     var corners: array<u32, 8>;
     var same = true;
     for (var c = 0u; c < 8u; c++) {
-        corners[c] = voxel(base + vec3<i32>(vec3<u32>(c & 1u, (c >> 1u) & 1u, c >> 2u)));
+        corners[c] = voxel(base + vec3<i32>(vec3<u32>(c & 1u, (c >> 1u) & 1u, c >> 2u)), params.size);
         same = same && corners[c] == corners[0];
     }
     if same {
         return corners[0];
     }
-    return majority(corners, index - vec3<f32>(base));
+    let fraction = index - vec3<f32>(base);
+    if params.boundary == 1u {
+        return majority(corners, fraction);
+    }
+    return smooth_label(base, corners, fraction);
 }
 
 @compute @workgroup_size(64)

@@ -28,30 +28,14 @@ struct Params {
 @group(0) @binding(4) var<storage, read> elements: array<u32>;
 @group(0) @binding(5) var<storage, read> element_maps: array<vec4<f32>>;
 
-// axial_pass and lateral_pass
+// specular_pass
+@group(0) @binding(1) var<storage, read> specular: array<vec2<f32>>;
+
+// specular_pass, axial_pass and lateral_pass
 @group(0) @binding(1) var<storage, read> echoes: array<vec2<f32>>;
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 @group(0) @binding(3) var<storage, read_write> spread: array<vec2<f32>>;
 @group(0) @binding(3) var<storage, read_write> envelope: array<f32>;
-
-fn centred(words: vec2<u32>) -> vec2<f32> {
-    return vec2<f32>(vec2<i32>(words >> vec2<u32>(16u)) - 32768) + 0.5;
-}
-
-fn scatterer(p: vec3<f32>) -> vec2<f32> {
-    let cut = vec3<i32>(p);
-    let base = cut - select(vec3<i32>(0), vec3<i32>(1), p < vec3<f32>(cut));
-    let f = p - vec3<f32>(base);
-    let g = 1.0 - f;
-    var sum = vec2<f32>(0.0);
-    for (var corner = 0u; corner < 8u; corner++) {
-        let bits = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
-        let side = select(g, f, bits == vec3<u32>(1u));
-        sum += side.x * side.y * side.z * centred(hash3(base + vec3<i32>(bits), params.seed).xy);
-    }
-    let square = f * f + g * g;
-    return sum * sqrt(6.0 / 65536.0 / 65536.0 / (square.x * square.y * square.z));
-}
 
 struct FineScanline {
     line: u32,
@@ -76,7 +60,7 @@ fn echo(at: FineScanline, sample: u32, step: vec3<f32>) -> vec2<f32> {
     var sum = vec2<f32>(0.0);
     for (var plane = 0u; plane < params.plane_count; plane++) {
         let p = a + at.part * (b - a) + step * (f32(plane) - middle);
-        sum += params.planes[plane >> 2u][plane & 3u] * scatterer(p * params.per_mm);
+        sum += params.planes[plane >> 2u][plane & 3u] * scatterer(p * params.per_mm, params.seed);
     }
     return amplitudes[at.nearest * params.samples + sample] * sum;
 }
@@ -107,6 +91,20 @@ fn warped_scatter_pass(@builtin(global_invocation_id) id: vec3<u32>) {
         );
     }
     scatter[id.y * params.samples + id.x] = echo(at, id.x, step);
+}
+
+// Echoes of surfaces and needles, linear between scanlines.
+@compute @workgroup_size(64)
+fn specular_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let at = fine_scanline(id.y);
+    let a = specular[at.line * params.samples + id.x];
+    let b = specular[at.next * params.samples + id.x];
+    // Behind the kernel and what makes up for its ends.
+    let factor = weights[2u * params.axial_reach + 1u + params.samples + id.x];
+    scatter[id.y * params.samples + id.x] += factor * (a + at.part * (b - a));
 }
 
 @compute @workgroup_size(64)

@@ -46,6 +46,10 @@ pub struct Tissue {
     pub occlusion_per_mm: f64,
     /// Characteristic acoustic impedance, MRayl (0.0001 to 10).
     pub impedance_mrayl: f64,
+    /// Reflection coefficient of the capsule or wall around it (0 to 1), which counts where the impedances differ less. Neighbours that
+    /// both have one share it: what they differ by is left, so that a lesion in a liver has none and a vessel there a wall.
+    #[serde(default)]
+    pub capsule: f64,
     /// Young's modulus, kPa (0.001 to 1e8).
     pub young_kpa: f64,
     /// Poisson's ratio (0 to 0.4999).

@@ -4,4 +4,5 @@ struct LabelRow {
     impedance: f32,
     loss: u32,
     texture: u32,
+    capsule: f32,
 }

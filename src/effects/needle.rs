@@ -3,8 +3,10 @@
 //! The brightness of a sample is the share of the plane's thickness, by default the needle's diameter, that the shaft
 //! fills there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent
 //! shaft. The echo is strongest where the shaft is perpendicular to the beam and falls with a power of the sine between
-//! them. Reverberation inside the shaft repeats the echo further down the beam. Seeds that brachytherapy leaves in the tissue
-//! are short shafts of their own.
+//! them. Reverberation inside the shaft repeats the echo further down the beam. Grains along the shaft make the line uneven, and
+//! the bevel at a needle's tip is brighter. Seeds that brachytherapy leaves in the tissue are short shafts of their own.
+//!
+//! With speckle the echo joins that of the scatterers before the point spread acts; without, its modulus adds to the amplitude.
 
 mod segments;
 mod shaft;
@@ -14,8 +16,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
 use super::{Effect, OutOfRange, Verdict, within};
+use crate::random::seed_words;
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -39,6 +42,8 @@ pub struct NeedleEcho {
     pub reverberation_mm: f64,
     /// Loss from one repetition to the next, dB (0 to 60).
     pub reverberation_db: f64,
+    /// Diffuse share of the power of the echo (0 to 1): 0 is an even line; 0.3 has a standard deviation of 3 dB along it.
+    pub roughness: f64,
 }
 
 impl Default for NeedleEcho {
@@ -50,6 +55,7 @@ impl Default for NeedleEcho {
             reverberations: 3,
             reverberation_mm: 1.6,
             reverberation_db: 9.0,
+            roughness: 0.3,
         }
     }
 }
@@ -62,7 +68,8 @@ impl NeedleEcho {
         within("needle.directivity", self.directivity, 0.0..=64.0)?;
         within("needle.reverberations", f64::from(self.reverberations), 0.0..=8.0)?;
         within("needle.reverberation_mm", self.reverberation_mm, 0.1..=20.0)?;
-        within("needle.reverberation_db", self.reverberation_db, 0.0..=60.0)
+        within("needle.reverberation_db", self.reverberation_db, 0.0..=60.0)?;
+        within("needle.roughness", self.roughness, 0.0..=1.0)
     }
 }
 
@@ -70,23 +77,47 @@ impl NeedleEcho {
 pub const EFFECT: Effect = Effect {
     name: "needle",
     wanted,
-    passes: |_| PASSES,
+    passes: |tables| match tables.speckle {
+        Some(_) => BEFORE_SPECKLE,
+        None => PASSES,
+    },
 };
 
-static PASSES: &[Pass] = &[Pass {
-    name: "needle",
-    shader: concat!(
-        include_str!("../../shaders/common/power.wgsl"),
-        include_str!("../../shaders/needle.wgsl")
-    ),
-    entry: "main",
-    bindings: &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
-    params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
-    flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
-}];
+static PASSES: &[Pass] = &[needle_pass(
+    "main",
+    &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
+)];
+
+static BEFORE_SPECKLE: &[Pass] = &[needle_pass(
+    "before_speckle",
+    &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Specular, Write)],
+)];
+
+const fn needle_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+    Pass {
+        name: "needle",
+        shader: concat!(
+            include_str!("../../shaders/common/hash.wgsl"),
+            include_str!("../../shaders/common/scatterer.wgsl"),
+            include_str!("../../shaders/common/power.wgsl"),
+            include_str!("../../shaders/needle.wgsl")
+        ),
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        flips: false,
+        cpu: run::<f32>,
+        cpu_f64: run::<f64>,
+    }
+}
+
+/// Length over which grains change the echo along a shaft, mm.
+pub const GRAIN_MM: f64 = 2.0;
+/// Length of a needle from its tip that is brighter, mm: that of a bevel,
+pub const BEVEL_MM: f64 = 3.0;
+/// and its factor on the amplitude: 6 dB.
+pub const BEVEL: f64 = 2.0;
 
 /// Whether the scene has a needle or seeds and shows them.
 pub fn present(tables: &Tables) -> bool {
@@ -123,8 +154,16 @@ pub struct Params {
     pub reverberation_mm: f32,
     /// Amplitude that one repetition leaves.
     pub reverberation: f32,
+    /// Amplitude of the constant part.
+    pub steady: f32,
+    /// Amplitude of the diffuse part.
+    pub diffuse: f32,
+    /// 1 where surfaces have written their echoes already.
+    pub after_surfaces: u32,
+    /// Seed of the grains.
+    pub seed: [u32; 2],
     /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 3],
+    pub unused: [u32; 2],
 }
 
 /// A beam narrower than this is fully shaded by any needle, mm; so is a scanline by itself, which has no width.
@@ -146,7 +185,12 @@ fn numbers(view: &View) -> Params {
         reverberations: own.reverberations,
         reverberation_mm: own.reverberation_mm as f32,
         reverberation: 10f64.powf(-own.reverberation_db / 20.0) as f32,
-        unused: [0; 3],
+        steady: (1.0 - own.roughness).sqrt() as f32,
+        diffuse: own.roughness.sqrt() as f32,
+        after_surfaces: u32::from(tables.settings.effects.interface.is_some()),
+        // Another lattice than that of the speckle.
+        seed: seed_words(!tables.settings.seed),
+        unused: [0; 2],
     }
 }
 
@@ -161,15 +205,35 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     store.segments.clear();
     store.segments.extend(segments(tables, view.state));
     let segments = &store.segments;
-    store.amplitude[..tables.lines() * samples]
-        .par_chunks_mut(samples)
-        .zip(store.needle_mask.par_chunks_mut(samples))
-        .zip(&tables.rays)
-        .for_each(|((amplitudes, mask), ray)| {
-            mask.fill([T::zero(); 2]);
-            for &segment in segments {
-                let shaft = Shaft::new(segment.map(|end| end.map(T::of)));
-                shaft.scanline(ray.map(T::of), &numbers, amplitudes, mask);
-            }
-        });
+    let each = |ray: &[f64; 4], mask: &mut [[T; 2]], add: &mut dyn FnMut(usize, [T; 2])| {
+        mask.fill([T::zero(); 2]);
+        for &segment in segments {
+            let shaft = Shaft::new(segment.map(|end| end.map(T::of)));
+            shaft.scanline(ray.map(T::of), &numbers, mask, &mut *add);
+        }
+    };
+    let masks = store.needle_mask.par_chunks_mut(samples).zip(&tables.rays);
+    if tables.speckle.is_some() {
+        store
+            .specular
+            .par_chunks_mut(samples)
+            .zip(masks)
+            .for_each(|(out, (mask, ray))| {
+                if numbers.after_surfaces == 0 {
+                    out.fill([T::zero(); 2]);
+                }
+                each(ray, mask, &mut |i, [re, im]| {
+                    out[i][0] += re;
+                    out[i][1] += im;
+                });
+            });
+    } else {
+        let amplitude = &mut store.amplitude[..tables.lines() * samples];
+        amplitude
+            .par_chunks_mut(samples)
+            .zip(masks)
+            .for_each(|(out, (mask, ray))| {
+                each(ray, mask, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
+            });
+    }
 }

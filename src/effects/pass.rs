@@ -51,11 +51,13 @@ pub enum Resource {
     Amplitude,
     /// The other half of the pair that `Amplitude` flips with (`f32`).
     AmplitudeNext,
+    /// Per sample: complex echo of surfaces and needles, before the point spread (`vec2<f32>`).
+    Specular,
     /// Per fine scanline and sample: complex echo (`vec2<f32>`).
     Scatter,
     /// Complex echo after the axial point spread (`vec2<f32>`).
     ScatterAxial,
-    /// Weights of the axial point spread, then a factor a sample (`f32`).
+    /// Weights of the axial point spread, then two factors a sample (`f32`).
     AxialKernel,
     /// Weights of the lateral point spread, a row a depth (`f32`).
     LateralKernel,
@@ -63,14 +65,16 @@ pub enum Resource {
     BlurKernel,
     /// Weights of the beam that shadows are seen through, a row a depth (`f32`).
     PenumbraKernel,
-    /// Per sample depth: distance between neighbouring scanlines, mm (`f32`).
-    LineSpacing,
     /// Segments of needle and seeds in the probe frame (`vec4<f32>` pairs).
     Needle,
     /// Per sample: shares of the scan plane's thickness and of the beam that needle and seeds fill (`vec2<f32>`).
     NeedleMask,
     /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
     Loss,
+    /// Per ray of the aperture beside the middle and sample depth: scanlines between a place and the ray's element (`u32`).
+    ApertureShifts,
+    /// Per ray, element and sample: what occluders on it let through, one way (`f32`).
+    Through,
     /// Per sample: power of acoustic clutter (`f32`).
     Clutter,
     /// Per sample depth: linear gain (`f32`).

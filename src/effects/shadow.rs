@@ -5,7 +5,7 @@
 //! attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle takes
 //! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
 //! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
-//! is wide (`penumbra`), and a needle thinner than the beam takes its share of it. Shadows of bone, air and the needle
+//! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its share of it. Shadows of bone, air and the needle
 //! shaft by casting rays: Zhu et al. 2007, section 2.4.
 
 use bytemuck::{Pod, Zeroable};
@@ -20,6 +20,7 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tissue::Tissue;
 
+pub mod aperture;
 pub mod penumbra;
 
 /// Attenuation and shadows.
@@ -35,6 +36,9 @@ pub struct Shadow {
     pub needle_db_mm: f64,
     /// Full width at half maximum of the beam, mm (0 to 20): edges of shadows are as soft. 0 leaves each scanline to itself.
     pub beam_mm: f64,
+    /// Depth over the aperture that receives from it (0.5 to 20): edges of the shadows of bone, gas and needles open by as much. 0 casts
+    /// them straight down the scanlines.
+    pub f_number: f64,
 }
 
 impl Default for Shadow {
@@ -44,6 +48,7 @@ impl Default for Shadow {
             occlusion: true,
             needle_db_mm: 8.0,
             beam_mm: 3.0,
+            f_number: 2.5,
         }
     }
 }
@@ -64,7 +69,14 @@ impl Shadow {
     /// Checks the ranges.
     pub fn validate(&self) -> Result<(), OutOfRange> {
         within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
-        within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)
+        within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
+        if self.f_number == 0.0 {
+            return Ok(());
+        }
+        within("shadow.f_number", self.f_number, 0.5..=20.0).map_err(|error| OutOfRange {
+            expected: format!("0, or {}", error.expected),
+            ..error
+        })
     }
 
     /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
@@ -84,12 +96,11 @@ pub fn units(db: f64) -> u32 {
 pub const EFFECT: Effect = Effect {
     name: "shadow",
     wanted,
-    passes: |tables| {
-        if super::needle::present(tables) {
-            WITH_NEEDLE
-        } else {
-            WITHOUT_NEEDLE
-        }
+    passes: |tables| match (opens(tables), super::needle::present(tables)) {
+        (false, false) => &[TISSUE, PENUMBRA],
+        (false, true) => &[TISSUE_AND_NEEDLE, PENUMBRA],
+        (true, false) => &[TISSUE, RAYS, APERTURE, PENUMBRA],
+        (true, true) => &[TISSUE_AND_NEEDLE, RAYS_AND_NEEDLE, APERTURE, PENUMBRA],
     },
 };
 
@@ -98,27 +109,75 @@ const SHADER: &str = concat!(
     include_str!("../../shaders/shadow.wgsl")
 );
 
-static WITHOUT_NEEDLE: &[Pass] = &[
-    loss_pass(
-        "tissue",
-        &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write), (Loss, Write)],
-    ),
-    PENUMBRA,
-];
+const TISSUE: Pass = loss_pass(
+    "tissue",
+    &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write), (Loss, Write)],
+);
 
-static WITH_NEEDLE: &[Pass] = &[
-    loss_pass(
-        "tissue_and_needle",
-        &[
-            (Label, Read),
-            (LabelRows, Read),
-            (AmplitudeNext, Write),
-            (Loss, Write),
-            (NeedleMask, Read),
-        ],
-    ),
-    PENUMBRA,
-];
+const TISSUE_AND_NEEDLE: Pass = loss_pass(
+    "tissue_and_needle",
+    &[
+        (Label, Read),
+        (LabelRows, Read),
+        (AmplitudeNext, Write),
+        (Loss, Write),
+        (NeedleMask, Read),
+    ],
+);
+
+const RAYS: Pass = rays_pass(
+    "rays",
+    &[(Label, Read), (LabelRows, Read), (ApertureShifts, Read), (Through, Write)],
+);
+
+const RAYS_AND_NEEDLE: Pass = rays_pass(
+    "rays_and_needle",
+    &[
+        (Label, Read),
+        (LabelRows, Read),
+        (ApertureShifts, Read),
+        (Through, Write),
+        (NeedleMask, Read),
+    ],
+);
+
+/// What the rays of the aperture let through.
+const fn rays_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+    Pass {
+        name: "shadow_rays",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, aperture::RAYS as u32],
+        flips: false,
+        cpu: aperture::rays::<f32>,
+        cpu_f64: aperture::rays::<f64>,
+    }
+}
+
+const APERTURE: Pass = Pass {
+    name: "shadow_aperture",
+    shader: SHADER,
+    entry: "aperture",
+    bindings: &[(ApertureShifts, Read), (Through, Read), (AmplitudeNext, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: aperture::mean::<f32>,
+    cpu_f64: aperture::mean::<f64>,
+};
+
+/// Whether shadows open with depth: something that occludes may be in the way.
+pub fn opens(tables: &Tables) -> bool {
+    let Some(shadow) = tables.settings.effects.shadow.as_ref().filter(|shadow| shadow.f_number > 0.0) else {
+        return false;
+    };
+    let opaque = penumbra::opaque_units(tables.sample_mm());
+    let mut rows = tables.label_rows.iter().enumerate();
+    let occludes = rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index));
+    occludes || (super::needle::present(tables) && shadow.needle_db_mm > 0.0)
+}
 
 /// The loss down each scanline, and what it lets through one way, which it leaves in `AmplitudeNext`.
 const fn loss_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
@@ -188,8 +247,10 @@ pub struct Params {
     pub needle_units: f32,
     /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
     pub exponent: f32,
+    /// 1 where what occludes is left to the rays of the aperture.
+    pub opens: u32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+    pub unused: u32,
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
@@ -201,7 +262,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         opaque_units: penumbra::opaque_units(tables.sample_mm()),
         needle_units: needle_units(tables),
         exponent: (0.5 * exponent_per_unit()) as f32,
-        unused: [0; 2],
+        opens: u32::from(opens(tables)),
+        unused: 0,
     })
 }
 
@@ -224,6 +286,7 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let mask = &store.needle_mask;
     let exponent = T::of(0.5 * exponent_per_unit());
+    let (opens, opaque) = (opens(tables), penumbra::opaque_units(tables.sample_mm()));
     store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
         .zip(store.label.par_chunks(samples))
@@ -238,8 +301,19 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
                 }
             };
             accumulate(own, down_to);
-            for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
-                *through = (T::of(f64::from(loss)) * exponent).exp2();
+            let power = |loss: u32| (T::of(f64::from(loss)) * exponent).exp2();
+            if !opens {
+                for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
+                    *through = power(loss);
+                }
+                return;
+            }
+            let mut above = 0u32;
+            for (through, label) in through.iter_mut().zip(labels) {
+                let own = loss[usize::from(*label)];
+                let own = if own < opaque { own } else { 0 };
+                *through = power((above + own / 2).min(MOST_UNITS));
+                above = (above + own).min(MOST_UNITS);
             }
         });
 }

@@ -1,8 +1,8 @@
 //! Slice: the label of every sample, and the constant echo of its tissue.
 //!
-//! The label is that of the nearest voxel, or, with `boundary = "vote"`, the one that holds the largest share of the
-//! trilinear weights of the eight voxels around the sample, which takes the staircase off the boundaries of coarse
-//! segmentations. Samples outside the volume, or flagged as background by the warp, are background (label index 0). With
+//! The label is the one that holds the largest share of the cubic B-spline weights of the 64 voxels around the sample, which
+//! takes the staircase off the boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of
+//! the eight, with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background (label index 0). With
 //! `beyond = "continue"` the body goes on where a face of the volume cuts it: labels are mirrored at the face, once.
 
 use bytemuck::{Pod, Zeroable};
@@ -46,8 +46,10 @@ pub enum Boundary {
     /// The nearest voxel.
     Nearest,
     /// The largest share of the trilinear weights of the eight voxels around; ties go to the lowest label index.
-    #[default]
     Vote,
+    /// The same by the weights of cubic B-splines on the 64 voxels around, for labels of the eight.
+    #[default]
+    Smooth,
 }
 
 /// Registration.
@@ -61,6 +63,7 @@ static PASSES: &[Pass] = &[Pass {
     name: "slice",
     shader: concat!(
         include_str!("../../shaders/common/label_row.wgsl"),
+        include_str!("../../shaders/common/voxels.wgsl"),
         include_str!("../../shaders/slice.wgsl")
     ),
     entry: "main",
@@ -96,8 +99,8 @@ pub struct Params {
     pub world_to_index: [Vec4; 3],
     /// Voxels along each axis.
     pub size: [u32; 3],
-    /// 1 to vote, 0 for the nearest voxel.
-    pub vote: u32,
+    /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
+    pub boundary: u32,
     /// Scanlines.
     pub lines: u32,
     /// Samples along a scanline.
@@ -113,7 +116,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     ParamBlock::of(&Params {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
-        vote: u32::from(tables.settings.effects.slice.boundary == Boundary::Vote),
+        boundary: tables.settings.effects.slice.boundary as u32,
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         mirrored: u32::from(tables.settings.effects.slice.beyond == Beyond::Continue),
@@ -153,7 +156,7 @@ pub struct LabelReader<'a, T> {
     voxels: &'a [u8],
     size: [usize; 3],
     world_to_index: [[T; 4]; 3],
-    vote: bool,
+    boundary: Boundary,
     mirrored: bool,
 }
 
@@ -164,9 +167,14 @@ impl<'a, T: Real> LabelReader<'a, T> {
             voxels: tables.volume.voxels(),
             size: tables.volume.size(),
             world_to_index: rows(tables.volume.world_to_index()),
-            vote: tables.settings.effects.slice.boundary == Boundary::Vote,
+            boundary: tables.settings.effects.slice.boundary,
             mirrored: tables.settings.effects.slice.beyond == Beyond::Continue,
         }
+    }
+
+    /// First three rows of the world-to-index transform.
+    pub fn rows(&self) -> &[[T; 4]; 3] {
+        &self.world_to_index
     }
 
     /// Continuous voxel index of a world position.
@@ -179,37 +187,43 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Label index at a world position; 0 outside the volume, or outside the body that goes on beyond it.
     #[inline(always)]
     pub fn at(&self, position: [T; 3]) -> u8 {
-        let mut index = self.index(position);
         let half = T::of(0.5);
-        let mut shifted = index.map(|x| x + half);
-        if !self.holds(shifted) {
-            if !self.mirrored {
-                return 0;
-            }
-            let face = shifted.map(|x| x.max(T::zero()));
-            let face = std::array::from_fn(|axis| face[axis].min(T::from_signed(self.size[axis] as i32 - 1)));
-            if self.nearest(face) == 0 {
-                return 0;
-            }
-            for axis in 0..3 {
-                let size = T::from_signed(self.size[axis] as i32);
-                if shifted[axis] < T::zero() {
-                    shifted[axis] = -shifted[axis];
-                } else if shifted[axis] >= size {
-                    // A hair below the face for what lies on it.
-                    shifted[axis] = (size + size - shifted[axis]).min(size - T::of(WITHIN));
-                }
-            }
-            if !self.holds(shifted) {
-                return 0;
-            }
-            index = shifted.map(|x| x - half);
+        let Some((shifted, _)) = self.within(self.index(position).map(|x| x + half)) else {
+            return 0;
+        };
+        match self.boundary {
+            Boundary::Nearest => self.nearest(shifted),
+            _ => self.vote(shifted.map(|x| x - half)),
         }
-        if self.vote {
-            self.vote(index)
-        } else {
-            self.nearest(shifted)
+    }
+
+    /// The place in the volume that stands for a place (voxels, from the corner of the first), and the axes along which it is mirrored;
+    /// none where nothing is known.
+    #[inline(always)]
+    pub fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
+        let mut mirrored = [false; 3];
+        if self.holds(shifted) {
+            return Some((shifted, mirrored));
         }
+        if !self.mirrored {
+            return None;
+        }
+        let face = shifted.map(|x| x.max(T::zero()));
+        let face = std::array::from_fn(|axis| face[axis].min(T::from_signed(self.size[axis] as i32 - 1)));
+        if self.nearest(face) == 0 {
+            return None;
+        }
+        for axis in 0..3 {
+            let size = T::from_signed(self.size[axis] as i32);
+            mirrored[axis] = shifted[axis] < T::zero() || shifted[axis] >= size;
+            if shifted[axis] < T::zero() {
+                shifted[axis] = -shifted[axis];
+            } else if shifted[axis] >= size {
+                // A hair below the face for what lies on it.
+                shifted[axis] = (size + size - shifted[axis]).min(size - T::of(WITHIN));
+            }
+        }
+        self.holds(shifted).then_some((shifted, mirrored))
     }
 
     #[inline(always)]
@@ -244,15 +258,53 @@ impl<'a, T: Real> LabelReader<'a, T> {
                 ]);
             }
         }
+        // The eight hold more than half of the B-spline's weights, wherever the sample is among them.
         if labels == [labels[0]; 8] {
             return labels[0];
         }
         let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::from_signed(base[axis]));
-        majority(labels, fraction)
+        match self.boundary {
+            Boundary::Smooth => self.smooth(base, labels, fraction),
+            _ => majority(labels, fraction),
+        }
     }
 
+    /// Of the labels of a cell, the one with the largest sum of B-spline weights.
+    fn smooth(&self, base: [i32; 3], labels: [u8; 8], fraction: [T; 3]) -> u8 {
+        let [x, y, z] = fraction.map(spline);
+        let rows: [[[u8; 4]; 4]; 4] = std::array::from_fn(|k| {
+            std::array::from_fn(|j| {
+                let [j, k] = [base[1] + j as i32 - 1, base[2] + k as i32 - 1];
+                std::array::from_fn(|i| self.clamped([base[0] + i as i32 - 1, j, k]))
+            })
+        });
+        let (mut best, mut best_share) = (labels[0], -T::one());
+        for (at, candidate) in labels.into_iter().enumerate() {
+            if labels[..at].contains(&candidate) {
+                continue;
+            }
+            let mut share = T::zero();
+            for k in 0..4 {
+                let mut slab = T::zero();
+                for j in 0..4 {
+                    let mut row = T::zero();
+                    for i in 0..4 {
+                        row += if rows[k][j][i] == candidate { x[i] } else { T::zero() };
+                    }
+                    slab += y[j] * row;
+                }
+                share += z[k] * slab;
+            }
+            if share > best_share || (share == best_share && candidate < best) {
+                (best, best_share) = (candidate, share);
+            }
+        }
+        best
+    }
+
+    /// Label of the voxel of the volume that is nearest to a voxel.
     #[inline(always)]
-    fn clamped(&self, voxel: [i32; 3]) -> u8 {
+    pub fn clamped(&self, voxel: [i32; 3]) -> u8 {
         let [i, j, k]: [usize; 3] = std::array::from_fn(|axis| (voxel[axis].max(0) as usize).min(self.size[axis] - 1));
         self.voxels[i + self.size[0] * (j + self.size[1] * k)]
     }
@@ -282,4 +334,13 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
         }
     }
     best
+}
+
+/// Weights of the cubic B-spline on the four points around a fraction of a step.
+#[inline(always)]
+pub fn spline<T: Real>(t: T) -> [T; 4] {
+    let [one, three, sixth] = [1.0, 3.0, 1.0 / 6.0].map(T::of);
+    let u = one - t;
+    let inner = |t: T, u: T| sixth * (one + three * t * (one + t * u));
+    [sixth * u * u * u, inner(u, t), inner(t, u), sixth * t * t * t]
 }

@@ -22,12 +22,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use power::lattice_correlation;
-use scatter::scatter;
+pub use scatter::scatterers;
+use scatter::{add_specular, scatter};
 use spread::{axial, lateral};
 pub use tables::SpeckleTables;
 
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::{Effect, OutOfRange, Verdict, needle, within};
 use crate::random::seed_words;
 use crate::synth::tables::Tables;
 
@@ -67,38 +68,38 @@ impl Speckle {
 pub const EFFECT: Effect = Effect {
     name: "speckle",
     wanted,
-    passes: |tables| match tables.anatomy.mesh {
-        Some(_) => WARPED_PASSES,
-        None => PASSES,
+    passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
+        (None, false) => &[SCATTER, AXIAL, LATERAL],
+        (None, true) => &[SCATTER, SPECULAR, AXIAL, LATERAL],
+        (Some(_), false) => &[WARPED_SCATTER, AXIAL, LATERAL],
+        (Some(_), true) => &[WARPED_SCATTER, SPECULAR, AXIAL, LATERAL],
     },
 };
 
 const SHADER: &str = concat!(
     include_str!("../../shaders/common/hash.wgsl"),
+    include_str!("../../shaders/common/scatterer.wgsl"),
     include_str!("../../shaders/speckle.wgsl")
 );
 
-static PASSES: &[Pass] = &[
-    scatter_pass("scatter_pass", &[(Position, Read), (Amplitude, Read), (Scatter, Write)]),
-    AXIAL,
-    LATERAL,
-];
+/// Whether surfaces or needles echo.
+fn has_specular(tables: &Tables) -> bool {
+    tables.settings.effects.interface.is_some() || needle::present(tables)
+}
+
+const SCATTER: Pass = scatter_pass("scatter_pass", &[(Position, Read), (Amplitude, Read), (Scatter, Write)]);
 
 /// Where a mesh deforms the tissue, the sub-planes bend with it.
-static WARPED_PASSES: &[Pass] = &[
-    scatter_pass(
-        "warped_scatter_pass",
-        &[
-            (Position, Read),
-            (Amplitude, Read),
-            (Scatter, Write),
-            (Element, Read),
-            (ElementMaps, Read),
-        ],
-    ),
-    AXIAL,
-    LATERAL,
-];
+const WARPED_SCATTER: Pass = scatter_pass(
+    "warped_scatter_pass",
+    &[
+        (Position, Read),
+        (Amplitude, Read),
+        (Scatter, Write),
+        (Element, Read),
+        (ElementMaps, Read),
+    ],
+);
 
 const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {
@@ -113,6 +114,19 @@ const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access
         cpu_f64: scatter::<f64>,
     }
 }
+
+/// Echoes of surfaces and needles join those of the scatterers.
+const SPECULAR: Pass = Pass {
+    name: "speckle_specular",
+    shader: SHADER,
+    entry: "specular_pass",
+    bindings: &[(Specular, Read), (AxialKernel, Read), (Scatter, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    flips: false,
+    cpu: add_specular::<f32>,
+    cpu_f64: add_specular::<f64>,
+};
 
 const AXIAL: Pass = Pass {
     name: "speckle_axial",

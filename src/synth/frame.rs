@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
-/// The shaft of a needle in the world, from its tip backwards or forwards: only the set of segments matters.
+/// The shaft of a needle, or a seed, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedleShaft {
-    /// Nodes of the shaft, mm, hub first; two for a straight one. Of more than 65 those towards the tip are shown.
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. Of more than 65 those towards the tip are shown.
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,

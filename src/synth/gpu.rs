@@ -59,7 +59,7 @@ pub struct GpuExecutor {
     readbacks: Vec<Readback>,
     texture: Option<TextureOut>,
     warp: Option<Warp>,
-    segments: Vec<[Vec4; 2]>,
+    segments: Vec<[Vec4; 3]>,
     gaps: Vec<f64>,
     rounded_gaps: Vec<f32>,
     timer: Option<Timer>,

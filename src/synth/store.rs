@@ -3,6 +3,7 @@
 use super::tables::Tables;
 use crate::effects::needle::{MAX_SEGMENTS, Segment};
 use crate::effects::pass::Resource;
+use crate::effects::shadow::aperture::RAYS;
 use crate::mechanics::mesh::map::States;
 use crate::plan::Plan;
 use crate::real::Real;
@@ -24,6 +25,8 @@ pub struct Store<T> {
     pub amplitude: Vec<T>,
     /// [`Resource::AmplitudeNext`].
     pub amplitude_next: Vec<T>,
+    /// [`Resource::Specular`].
+    pub specular: Vec<[T; 2]>,
     /// [`Resource::Scatter`]: for each fine scanline its real parts, then its imaginary parts.
     pub scatter: Vec<T>,
     /// [`Resource::ScatterAxial`], likewise.
@@ -34,6 +37,8 @@ pub struct Store<T> {
     pub needle_mask: Vec<[T; 2]>,
     /// [`Resource::Loss`].
     pub loss: Vec<u32>,
+    /// [`Resource::Through`].
+    pub through: Vec<T>,
     /// [`Resource::Image`].
     pub image: Vec<T>,
     /// [`Resource::Pixels`], a byte each.
@@ -56,10 +61,12 @@ impl<T: Real> Store<T> {
         resize(&mut self.label, count(Resource::Label, all), 0);
         resize(&mut self.amplitude, count(Resource::Amplitude, all), T::zero());
         resize(&mut self.amplitude_next, count(Resource::AmplitudeNext, all), T::zero());
+        resize(&mut self.specular, count(Resource::Specular, beam), [T::zero(); 2]);
         resize(&mut self.scatter, count(Resource::Scatter, fine), T::zero());
         resize(&mut self.scatter_axial, count(Resource::ScatterAxial, fine), T::zero());
         resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
+        resize(&mut self.through, count(Resource::Through, RAYS * beam), T::zero());
         resize(&mut self.image, count(Resource::Image, pixels), T::zero());
         resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
         if self.segments.capacity() != count(Resource::Needle, MAX_SEGMENTS) {
@@ -78,7 +85,8 @@ impl<T: Real> Store<T> {
             + self.amplitude_next.capacity()
             + self.scatter.capacity()
             + self.scatter_axial.capacity()
-            + 2 * self.needle_mask.capacity()
+            + self.through.capacity()
+            + 2 * (self.needle_mask.capacity() + self.specular.capacity())
             + self.image.capacity();
         scalars * size_of::<T>()
             + self.position.capacity() * size_of::<[T; 4]>()

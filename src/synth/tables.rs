@@ -12,6 +12,7 @@ use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
 use crate::effects::point_spread::PointSpread;
+use crate::effects::shadow::aperture::RAYS;
 use crate::effects::shadow::units;
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
@@ -92,6 +93,8 @@ pub struct LabelRow {
     pub loss: u32,
     /// One more than the index of its texture in the atlas; 0 for none.
     pub texture: u32,
+    /// Reflection coefficient of its capsule.
+    pub capsule: f32,
 }
 
 /// Everything derived from an [`Anatomy`] and [`Settings`]. Passes read places here, counted from the local origin, and none of the
@@ -114,8 +117,6 @@ pub struct Tables {
     pub image_grid: ImageGrid,
     /// Origin and direction of each scanline in the probe's plane, mm.
     pub rays: Vec<[f64; 4]>,
-    /// Distance between scanlines at each sample depth, mm.
-    pub line_spacing: Numbers,
     /// Scanline and sample coordinates of each pixel; negative outside the sector.
     pub scan_map: Vec<[f32; 2]>,
     /// One row a label index.
@@ -126,6 +127,8 @@ pub struct Tables {
     pub speckle: Option<SpeckleTables>,
     /// Kernel of the beam that shadows are seen through.
     pub penumbra: Option<LateralKernel>,
+    /// Scanlines between a place and the elements of the aperture that see it; empty where shadows do not open.
+    pub aperture: Vec<u32>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
     /// Power of acoustic clutter at each sample; empty without a receiver.
@@ -150,7 +153,6 @@ impl Tables {
             mesh: anatomy.mesh.as_ref().map(|mesh| origin.mesh(mesh)),
             scan_map: clamped_scan_map(&grid, &image_grid),
             rays: rays(&grid),
-            line_spacing: line_spacing(&grid),
             label_rows: Vec::new(),
             atlas: None,
             speckle: settings
@@ -159,6 +161,7 @@ impl Tables {
                 .as_ref()
                 .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &settings.probe), &grid)),
             penumbra: settings.effects.shadow.as_ref().map(|shadow| shadow.kernel(&grid)),
+            aperture: settings.effects.shadow.as_ref().map_or(Vec::new(), |shadow| shadow.shifts(&grid)),
             blur: settings
                 .effects
                 .blur
@@ -217,8 +220,7 @@ impl Tables {
         }
         if probe {
             self.rays = rays(&self.grid);
-            self.line_spacing = line_spacing(&self.grid);
-            changed.extend([Resource::Rays, Resource::LineSpacing]);
+            changed.push(Resource::Rays);
         }
         if speckle {
             self.speckle = self
@@ -237,7 +239,8 @@ impl Tables {
         if shadow {
             let own = &self.settings.effects.shadow;
             self.penumbra = own.as_ref().map(|own| own.kernel(&self.grid));
-            changed.push(Resource::PenumbraKernel);
+            self.aperture = own.as_ref().map_or(Vec::new(), |own| own.shifts(&self.grid));
+            changed.extend([Resource::PenumbraKernel, Resource::ApertureShifts]);
         }
         if clutter {
             self.clutter = self.clutter();
@@ -336,20 +339,22 @@ impl Tables {
                 .as_ref()
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
             Resource::AmplitudeNext | Resource::Loss | Resource::Clutter => beam * 4,
-            Resource::NeedleMask => beam * 8,
+            Resource::ApertureShifts => size_of_val(self.aperture.as_slice()) as u64,
+            Resource::Through => beam * 4 * RAYS as u64,
+            Resource::NeedleMask | Resource::Specular => beam * 8,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,
-            Resource::AxialKernel => {
-                self.speckle
-                    .as_ref()
-                    .map_or(0, |speckle| (speckle.axial.of::<f32>().len() + self.samples()) * 4) as u64
-            }
+            Resource::AxialKernel => self
+                .speckle
+                .as_ref()
+                .map_or(0, |speckle| (speckle.axial.of::<f32>().len() + 2 * self.samples()) * 4)
+                as u64,
             Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| {
                 depth_kernel(speckle.lateral.reach) + 4 * speckle.edges.of::<f32>().len() as u64
             }),
             Resource::PenumbraKernel => self.penumbra.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
-            Resource::LineSpacing | Resource::Gain => self.samples() as u64 * 4,
-            Resource::Needle => (MAX_SEGMENTS * 32) as u64,
+            Resource::Gain => self.samples() as u64 * 4,
+            Resource::Needle => (MAX_SEGMENTS * size_of::<[[f32; 4]; 3]>()) as u64,
             Resource::ScanMap => pixels * 8,
             Resource::Image => pixels * 4,
             Resource::Pixels => (self.words_per_row() * self.height() * 4) as u64,
@@ -426,6 +431,7 @@ impl Tables {
                 } else {
                     0
                 },
+                capsule: tissue.capsule as f32,
             }
         };
         (0..self.volume.labels().len()).map(row).collect()
@@ -449,13 +455,15 @@ fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> 
         .map_or(1, |thickness| u64::from(thickness.planes));
     let samples = (grid.lines() * grid.samples()) as u64;
     let clutter = if effects.receiver.is_some() { 20 * samples } else { 0 };
+    let opens = effects.shadow.as_ref().is_some_and(|shadow| shadow.f_number > 0.0);
+    let aperture = if opens { 4 * RAYS as u64 * samples } else { 0 };
     let what = format!(
         "a frame of {width} x {height} pixels from {} x {} samples",
         grid.lines(),
         grid.samples()
     );
     Ok(memory::check(
-        14 * (width * height) as u64 + 21 * samples * planes + clutter,
+        14 * (width * height) as u64 + 21 * samples * planes + clutter + aperture,
         &what,
     )?)
 }
@@ -465,15 +473,6 @@ fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {
         .iter()
         .map(|ray| [ray.origin[0], ray.origin[1], ray.direction[0], ray.direction[1]])
         .collect()
-}
-
-fn line_spacing(grid: &BeamGrid) -> Numbers {
-    // A single scanline has no neighbours: any finite spacing serves, since their difference is nil.
-    Numbers::new(
-        (0..grid.samples())
-            .map(|sample| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6))
-            .collect(),
-    )
 }
 
 /// The scan map with coordinates inside the sector moved onto the grid, so that the first and last half sample repeat.

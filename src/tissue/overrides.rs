@@ -47,6 +47,9 @@ pub struct TissueOverride {
     /// Characteristic acoustic impedance, MRayl, 0.0001 to 10.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub impedance_mrayl: Option<f64>,
+    /// Reflection coefficient of the capsule or wall around it, 0 to 1; neighbours that both have one reflect by the difference.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capsule: Option<f64>,
     /// Young's modulus, kPa, 0.001 to 1e8.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub young_kpa: Option<f64>,
@@ -162,6 +165,7 @@ impl TissueOverride {
             attenuation_db_cm_mhz: self.attenuation_db_cm_mhz.unwrap_or(base.attenuation_db_cm_mhz),
             occlusion_per_mm: self.occlusion_per_mm.unwrap_or(base.occlusion_per_mm),
             impedance_mrayl: self.impedance_mrayl.unwrap_or(base.impedance_mrayl),
+            capsule: self.capsule.unwrap_or(base.capsule),
             young_kpa: self.young_kpa.unwrap_or(base.young_kpa),
             poisson: self.poisson.unwrap_or(base.poisson),
             friction_n_per_mm: self.friction_n_per_mm.unwrap_or(base.friction_n_per_mm),
@@ -199,6 +203,7 @@ pub(super) fn check(tissue: &Tissue, name: &str) -> Result<(), TissueError> {
             10.0,
             "0.0001 to 10 MRayl",
         ),
+        ("capsule", tissue.capsule, 0.0, 1.0, "0 to 1"),
         ("young_kpa", tissue.young_kpa, 0.001, 1e8, "0.001 to 1e8 kPa"),
         ("poisson", tissue.poisson, 0.0, 0.4999, "0 to 0.4999"),
         ("friction_n_per_mm", tissue.friction_n_per_mm, 0.0, 10.0, "0 to 10 N/mm"),

@@ -55,7 +55,7 @@ fn blocks() -> Vec<Block> {
             slice::Params,
             world_to_index,
             size,
-            vote,
+            boundary,
             lines,
             samples,
             mirrored
@@ -81,11 +81,17 @@ fn blocks() -> Vec<Block> {
         block!(
             "interface",
             interface::Params,
-            lines,
+            world_to_index,
+            size,
+            mirrored,
+            stride,
             samples,
-            sample_mm,
+            seed,
             mirror,
-            directivity
+            directivity,
+            steady,
+            diffuse,
+            per_mm
         ),
         block!(
             "needle",
@@ -98,7 +104,11 @@ fn blocks() -> Vec<Block> {
             directivity,
             reverberations,
             reverberation_mm,
-            reverberation
+            reverberation,
+            steady,
+            diffuse,
+            after_surfaces,
+            seed
         ),
         block!(
             "shadow",
@@ -108,7 +118,8 @@ fn blocks() -> Vec<Block> {
             reach,
             opaque_units,
             needle_units,
-            exponent
+            exponent,
+            opens
         ),
         block!("blur", blur::Params, lines, samples, reach),
         block!("receiver", receiver::Params, seed, samples, frame, noise, unused),

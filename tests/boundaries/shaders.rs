@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use insonify::effects::REGISTRY;
 use insonify::effects::pass::{Access, Band, Pass};
+use insonify::effects::shadow::aperture::RAYS;
 use insonify::gpu::parameters::SLOT_BYTES;
 use insonify::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
@@ -153,14 +154,15 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "geometry" | "contact" | "slice" | "texture" => [samples, lines, planes],
         "warp" => [lines * samples * planes, 1, 1],
         "thickness" => [lines * samples, 1, 1],
-        "speckle_scatter" | "speckle_axial" => [
+        "speckle_scatter" | "speckle_specular" | "speckle_axial" => [
             samples,
             tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
             1,
         ],
-        "speckle_lateral" | "interface" | "needle" | "shadow" | "blur" | "receiver" | "tone" => [samples, lines, 1],
-        // One group a scanline, however many samples.
+        "speckle_lateral" | "interface" | "needle" | "shadow_aperture" | "shadow" | "blur" | "receiver" | "tone" => [samples, lines, 1],
+        // One group a scanline, or a ray of an element, however many samples.
         "shadow_loss" => [256, lines, 1],
+        "shadow_rays" => [256, lines, RAYS as u64],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),

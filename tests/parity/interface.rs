@@ -1,4 +1,4 @@
-//! Interface: a stencil over labels, which are known exactly; only the arithmetic rounds.
+//! Interface: normals of labels and roughness at positions known to within rounding, with and without a point spread.
 
 use insonify::effects::interface::Interface;
 
@@ -13,8 +13,10 @@ fn steps_of_impedance_on_every_probe_shape() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.effects.interface = Some(Interface {
             directivity: [0.0, 1.0, 6.0, 20.0, 64.0][at],
+            roughness: [0.0, 0.4, 1.0, 0.4, 0.2][at],
             ..Default::default()
         });
+        settings.effects.speckle = (at % 2 == 0).then(Default::default);
         cases.push(Case::new(
             name,
             scenes::random_anatomy(),

@@ -51,8 +51,14 @@ fn opaque_tissue_is_seen_by_its_own_scanline() {
     let mut cases = Vec::new();
     for (name, shape) in SHAPES {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
-        settings.effects.shadow = Some(Default::default());
-        cases.push(Case::new(name, scenes::with_bone(), settings, scenes::oblique_pose()));
+        for f_number in [0.0, 0.7, 2.5] {
+            settings.effects.shadow = Some(Shadow {
+                f_number,
+                ..Default::default()
+            });
+            let name = format!("{name}, f-number {f_number}");
+            cases.push(Case::new(name, scenes::with_bone(), settings.clone(), scenes::oblique_pose()));
+        }
     }
     check_all("shadow of bone", &cases);
 }

@@ -18,7 +18,7 @@ fn random_labels_by_nearest_voxel_and_by_vote() {
         ("axis-aligned", scenes::random_anatomy()),
         ("oblique", scenes::oblique_anatomy()),
     ] {
-        for boundary in [Boundary::Nearest, Boundary::Vote] {
+        for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
             let mut settings = scene::settings(scene::probe(scene::SHAPES[1].1, 40.0, 64, 256), scene::bare());
             settings.effects.slice.boundary = boundary;
             for beyond in [Beyond::Void, Beyond::Continue] {
@@ -39,7 +39,7 @@ fn random_labels_by_nearest_voxel_and_by_vote() {
 fn samples_on_voxel_faces() {
     // Sample depths, voxel faces and vote ties coincide: an axis-aligned probe over whole and half millimetres.
     let mut cases = Vec::new();
-    for boundary in [Boundary::Nearest, Boundary::Vote] {
+    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
         let mut settings = scene::settings(scene::probe(shape, 40.0, 49, 160), scene::bare());
         settings.effects.slice.boundary = boundary;
@@ -59,7 +59,7 @@ fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
     // rounding. Samples on voxel faces and votes that tie must then come out alike.
     let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
     let gpus: Vec<_> = gpu_or_skip("labels without rounding").into_iter().collect();
-    for boundary in [Boundary::Nearest, Boundary::Vote] {
+    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 33, 160), scene::bare());
         settings.effects.slice.boundary = boundary;
         let case = Case::new(

@@ -18,7 +18,7 @@ fn thick_planes_of_every_probe_shape() {
             planes: [3, 5, 7, 9, 5][at],
         });
         settings.effects.texture = (at % 2 == 0).then(Default::default);
-        settings.effects.slice.boundary = if at == 1 { Boundary::Nearest } else { Boundary::Vote };
+        settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][at % 3];
         cases.push(Case::new(
             name,
             scenes::random_anatomy(),

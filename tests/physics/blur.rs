@@ -1,6 +1,7 @@
 //! Radial blur: its impulse response is the kernel, a constant stays constant, and depth is untouched.
 
 use insonify::effects::blur::Blur;
+use insonify::effects::slice::Boundary;
 use insonify::synth::tables::{Anatomy, Settings};
 use insonify::tracking::probe::ProbeShape;
 
@@ -14,6 +15,8 @@ fn settings(shape: ProbeShape, lines: u32) -> Settings {
         width_mm: Some(3.0),
         growth_mm_cm: Some(0.8),
     });
+    // A spot of one voxel would be smoothed away.
+    settings.effects.slice.boundary = Boundary::Vote;
     settings
 }
 

@@ -137,7 +137,7 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &[PenumbraKernel, LabelRows],
+            &[PenumbraKernel, ApertureShifts, LabelRows],
         ),
         (
             "depth",
@@ -145,11 +145,11 @@ fn a_change_touches_only_what_depends_on_it() {
             &[
                 ScanMap,
                 Rays,
-                LineSpacing,
                 AxialKernel,
                 LateralKernel,
                 BlurKernel,
                 PenumbraKernel,
+                ApertureShifts,
                 Clutter,
                 Gain,
                 LabelRows,

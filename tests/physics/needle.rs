@@ -126,6 +126,7 @@ fn the_echo_falls_with_the_angle_to_the_beam_and_repeats_below() {
         reverberation_mm: 5.0,
         reverberation_db: 6.0,
         thickness_mm: None,
+        roughness: 0.0,
     };
     for angle in [0.0f64, 20.0, 45.0, 70.0] {
         let (sin, cos) = angle.to_radians().sin_cos();

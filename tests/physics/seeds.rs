@@ -32,11 +32,13 @@ fn settings() -> Settings {
     settings.effects.needle = Some(NeedleEcho {
         echo_db: 20.0,
         reverberations: 1,
+        roughness: 0.0,
         ..NeedleEcho::default()
     });
     settings.effects.shadow = Some(Shadow {
         needle_db_mm: DB_MM,
         beam_mm: BEAM_MM,
+        f_number: 0.0,
         ..Shadow::default()
     });
     settings

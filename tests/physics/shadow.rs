@@ -214,7 +214,7 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
 }
 
 /// A plate from y = 10 to 12 mm on the side x > 0, before tissue, on a fine linear array.
-fn half_plane(plate: Acoustics, beam_mm: f64, backend: Backend) -> Beam {
+fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend) -> Beam {
     let frame = Frame::around([0.0, 20.0, 0.0], [160, 160, 3], 0.25);
     let anatomy = anatomy::of(frame, &[SILENT, PLAIN, plate], |p| {
         1 + u8::from(p[0] > 0.0 && (10.0..12.0).contains(&p[1]))
@@ -223,9 +223,40 @@ fn half_plane(plate: Acoustics, beam_mm: f64, backend: Backend) -> Beam {
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.shadow = Some(Shadow {
         beam_mm,
+        f_number,
         ..Shadow::default()
     });
     beam_after(&anatomy, &settings, backend, "shadow", &scene::straight())
+}
+
+#[test]
+fn the_edge_of_a_shadow_opens_with_depth_as_the_aperture_does() {
+    let bone = Acoustics {
+        occlusion_per_mm: 1.0,
+        ..PLAIN
+    };
+    for (name, backend) in precisions() {
+        let beam = half_plane(bone, [0.0, 2.0], backend);
+        for sample in [60, 80, 119] {
+            let depth = (f64::from(sample) + 0.5) * 0.25;
+            for line in 12..108 {
+                let x = -14.875 + 0.25 * line as f64;
+                // Where the five rays to the place pass the plate.
+                let at_plate = (-2..=2).map(|ray| x + f64::from(ray) / 5.0 / 2.0 * (depth - 11.0));
+                // The plate is 2 mm thick, and rays keep to scanlines.
+                let near = at_plate.clone().any(|at| at.abs() < 0.2 + 0.25);
+                // Elements beyond the array see nothing; those of a place near its middle are all on it.
+                let inside = x.abs() + 0.2 * depth < 14.8;
+                let open = at_plate.filter(|at| *at < 0.0).count() as f64 / 5.0;
+                let found = beam.amplitude[line * beam.samples + sample as usize];
+                assert!(
+                    near || !inside || (found.sqrt() - open).abs() < 1e-4,
+                    "{name}: {found} is left at {x} mm and {depth} mm, not {}",
+                    open * open
+                );
+            }
+        }
+    }
 }
 
 #[test]
@@ -236,7 +267,7 @@ fn the_edge_of_a_shadow_is_as_soft_as_the_beam() {
     };
     for beam_mm in [1.0, 3.0, 6.0] {
         for (name, backend) in precisions() {
-            let beam = half_plane(bone, beam_mm, backend);
+            let beam = half_plane(bone, [beam_mm, 0.0], backend);
             let sigma = beam_mm / 2.354_820_045;
             for line in 0..beam.lines {
                 // Scanlines every 0.25 mm from -14.875 mm; those at 0.125 mm and beyond meet the plate.
@@ -263,8 +294,8 @@ fn a_shadow_without_a_beam_is_one_scanline_sharp_and_bone_never_glows() {
         echo_db: 20.0,
         ..PLAIN
     };
-    let sharp = half_plane(bone, 0.0, Backend::CpuF64);
-    let soft = half_plane(bone, 3.0, Backend::CpuF64);
+    let sharp = half_plane(bone, [0.0, 0.0], Backend::CpuF64);
+    let soft = half_plane(bone, [3.0, 0.0], Backend::CpuF64);
     for line in 0..sharp.lines {
         let own = |beam: &Beam, sample: usize| beam.amplitude[line * beam.samples + sample];
         // Two millimetres at 0.9 a millimetre leave a hundredth.

@@ -61,7 +61,7 @@ fn frame(spacing: f64) -> Frame {
 #[test]
 fn the_area_of_a_sliced_ball_converges() {
     let radius = 11.0;
-    for (boundary, least_order) in [(Boundary::Nearest, 0.8), (Boundary::Vote, 1.2)] {
+    for (boundary, least_order) in [(Boundary::Nearest, 0.8), (Boundary::Vote, 1.2), (Boundary::Smooth, 1.2)] {
         let errors = errors(boundary, |body, spacing| {
             let [x, y, z] = jitter(body);
             // The plane cuts the ball 4 to 6 mm off its centre, where its area changes with depth of the cut.
@@ -82,7 +82,7 @@ fn the_area_of_a_sliced_ball_converges() {
 #[test]
 fn the_area_of_a_sliced_box_converges() {
     // Faces along the voxels are off by a share of a voxel, whatever decides a boundary: first order.
-    for boundary in [Boundary::Nearest, Boundary::Vote] {
+    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let errors = errors(boundary, |body, spacing| {
             let [x, y, z] = jitter(body);
             let half = [8.0 + x, 7.0 + y, 3.0];

@@ -8,8 +8,9 @@ use crate::synth::tables::Tables;
 use crate::tracking::needle::MAX_NODES;
 
 /// Start and end of a straight piece in the probe frame (mm), each with a number behind it: its radius and the thickness of
-/// the plane that sees it, mm.
-pub type Segment<T> = [[T; 4]; 2];
+/// the plane that sees it, mm. Then the distance of its start and of its end from the tip (mm), the number of its shaft (0 for the
+/// needle), and the factor on its echo before a point spread.
+pub type Segment<T> = [[T; 4]; 3];
 
 /// Most segments that a frame shows, of needle and seeds together: 192 seeds and more in one plane.
 pub const MAX_SEGMENTS: usize = 256;
@@ -43,22 +44,36 @@ fn crossing(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment
         .needle
         .as_ref()
         .and_then(|needle| needle.thickness_mm);
-    let needle = state.needle.iter();
-    let needle = needle.map(|needle| (&needle.nodes[first_shown(&needle.nodes)..], needle.diameter_mm));
-    let seeds = state.seeds.iter().map(|seed| (&seed.nodes[..], seed.diameter_mm));
-    let pairs = needle
-        .chain(seeds)
-        .flat_map(|(nodes, diameter_mm)| nodes.windows(2).map(move |pair| (pair, diameter_mm)));
+    let shafts = state
+        .needle
+        .iter()
+        .map(|needle| (0, needle))
+        .chain((1..).zip(&state.seeds));
+    let pieces = shafts.flat_map(|(number, shaft)| {
+        let nodes = &shaft.nodes[first_shown(&shaft.nodes)..];
+        let length = |pair: &[Point3<f64>]| (pair[1] - pair[0]).norm();
+        let mut from_tip: f64 = nodes.windows(2).map(length).sum();
+        nodes.windows(2).map(move |pair| {
+            let start = from_tip;
+            from_tip -= length(pair);
+            (pair, shaft.diameter_mm, [start, from_tip.max(0.0), f64::from(number)])
+        })
+    });
     let world_to_probe = state.probe_to_world.try_inverse();
-    pairs.filter_map(move |(pair, diameter_mm)| {
+    let speckle = tables.speckle.as_ref();
+    pieces.filter_map(move |(pair, diameter_mm, [start, end, number])| {
         let world_to_probe = world_to_probe?;
         let ends = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
-        segment(ends, diameter_mm, thickness_mm.unwrap_or(diameter_mm))
+        let [start_of, end_of] = segment(ends, diameter_mm, thickness_mm.unwrap_or(diameter_mm))?;
+        let factor = speckle.map_or(1.0, |own| 1.0 / own.thick_gain(diameter_mm / 2.0, tables.sample_mm()));
+        // Where another piece is not finite, how far the tip is is not known.
+        let rounded = [start, end, number, factor].map(|x| if x.is_finite() { f64::from(x as f32) } else { 0.0 });
+        Some([start_of, end_of, rounded])
     })
 }
 
-/// A segment, if it is one and meets the plane. Radius and thickness are rounded once, for all backends.
-fn segment([start, end]: [Point3<f64>; 2], diameter_mm: f64, thickness_mm: f64) -> Option<Segment<f64>> {
+/// Both ends of a segment, if it is one and meets the plane. Radius and thickness are rounded once, for all backends.
+fn segment([start, end]: [Point3<f64>; 2], diameter_mm: f64, thickness_mm: f64) -> Option<[[f64; 4]; 2]> {
     let [radius, thickness] = [diameter_mm / 2.0, thickness_mm].map(|length| f64::from(length as f32));
     let is_finite = start
         .iter()

@@ -1,6 +1,7 @@
 //! One straight cylinder and the thickened scan plane: how much of the plane it fills, and its echo down a scanline.
 
-use super::{Params, Segment};
+use super::{BEVEL, BEVEL_MM, GRAIN_MM, Params, Segment};
+use crate::effects::speckle::scatterers;
 use crate::real::Real;
 
 /// One straight piece of the needle in the probe frame.
@@ -10,11 +11,15 @@ pub struct Shaft<T> {
     length: T,
     radius: T,
     half_thickness: T,
+    /// Distance of its ends from the tip, mm.
+    from_tip: [T; 2],
+    number: T,
+    factor: T,
 }
 
 impl<T: Real> Shaft<T> {
     /// The cylinder of a segment, seen by the plane of its thickness.
-    pub fn new([start, end]: Segment<T>) -> Self {
+    pub fn new([start, end, [first, last, number, factor]]: Segment<T>) -> Self {
         let along = [end[0] - start[0], end[1] - start[1], end[2] - start[2]];
         let length = (along[0] * along[0] + along[1] * along[1] + along[2] * along[2]).sqrt();
         let safe = length.max(T::of(1e-9));
@@ -25,6 +30,9 @@ impl<T: Real> Shaft<T> {
             length,
             radius: start[3],
             half_thickness: half * end[3],
+            from_tip: [first, last],
+            number,
+            factor,
         }
     }
 
@@ -61,8 +69,33 @@ impl<T: Real> Shaft<T> {
         (high - low).max(T::zero()) / (self.half_thickness + self.half_thickness)
     }
 
+    /// Complex multiplier of the echo at a point of the plane: grains along the shaft, and a needle's bevel, which is brighter.
+    #[inline(always)]
+    pub fn grain(&self, x: T, y: T, numbers: &Params) -> [T; 2] {
+        let along =
+            (x - self.start[0]) * self.axis[0] + (y - self.start[1]) * self.axis[1] - self.start[2] * self.axis[2];
+        let share = (along / self.length.max(T::of(1e-9))).max(T::zero()).min(T::one());
+        let from_tip = self.from_tip[0] + share * (self.from_tip[1] - self.from_tip[0]);
+        let place = [from_tip * T::of(1.0 / GRAIN_MM), self.number, T::zero()];
+        let ([re], [im]) = scatterers(&place.map(|x| [x]), numbers.seed);
+        let [steady, diffuse] = [numbers.steady, numbers.diffuse].map(|x| T::of(f64::from(x)));
+        let is_bevel = self.number == T::zero() && from_tip < T::of(BEVEL_MM);
+        let factor = if is_bevel {
+            T::of(BEVEL) * self.factor
+        } else {
+            self.factor
+        };
+        [factor * (steady + diffuse * re), factor * diffuse * im]
+    }
+
     /// Adds the echo and its repetitions to a scanline, and what it fills and shades to the mask.
-    pub(super) fn scanline(&self, ray: [T; 4], numbers: &Params, amplitudes: &mut [T], mask: &mut [[T; 2]]) {
+    pub(super) fn scanline(
+        &self,
+        ray: [T; 4],
+        numbers: &Params,
+        mask: &mut [[T; 2]],
+        mut add: impl FnMut(usize, [T; 2]),
+    ) {
         let step = T::of(f64::from(numbers.sample_mm));
         let half = T::of(0.5);
         let cosine = ray[2] * self.axis[0] + ray[3] * self.axis[1];
@@ -86,16 +119,19 @@ impl<T: Real> Shaft<T> {
                 .max(T::zero())
                 .to_usize()
                 .unwrap_or(0)
-                .min(amplitudes.len());
+                .min(mask.len());
             for i in from..to {
                 let depth = (T::of(i as f64) + half) * step - shift;
-                let share = self.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth);
+                let (x, y) = (ray[0] + ray[2] * depth, ray[1] + ray[3] * depth);
+                let share = self.share(x, y);
                 if repetition == 0 {
                     let [filled, shaded] = mask[i];
                     let more = (filled + share).min(T::one());
                     mask[i] = [more, shaded + (more - filled) * of_beam];
                 }
-                amplitudes[i] += echo * share;
+                if share > T::zero() {
+                    add(i, self.grain(x, y, numbers).map(|part| echo * share * part));
+                }
             }
             echo *= T::of(f64::from(numbers.reverberation));
         }

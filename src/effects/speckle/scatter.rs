@@ -59,6 +59,30 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
+/// Adds the echoes of surfaces and needles, linear between scanlines, by the factor that keeps those of surfaces.
+pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let factors = own.specular.of::<T>();
+    let specular = &store.specular;
+    store
+        .scatter
+        .par_chunks_mut(2 * samples)
+        .enumerate()
+        .for_each(|(fine, echoes)| {
+            let line = fine / own.oversampling;
+            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let row = |line: usize| &specular[line * samples..][..samples];
+            let (re, im) = echoes.split_at_mut(samples);
+            let between = row(line).iter().zip(row((line + 1).min(lines - 1)));
+            for (i, (a, b)) in between.enumerate() {
+                re[i] += factors[i] * (a[0] + part * (b[0] - a[0]));
+                im[i] += factors[i] * (a[1] + part * (b[1] - a[1]));
+            }
+        });
+}
+
 /// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
 /// imaginary parts.
 struct FineScanline<'a, T> {
@@ -157,12 +181,12 @@ impl<T: Real> Lattice<T> {
 /// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly weighted, over
 /// the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector registers.
 #[inline(always)]
-fn scatterers<T: Real>(p: &[[T; BLOCK]; 3], seed: [u32; 2]) -> ([T; BLOCK], [T; BLOCK]) {
-    let mut side = [[[T::zero(); BLOCK]; 2]; 3];
-    let mut step = [[[0u32; BLOCK]; 2]; 3];
-    let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); BLOCK];
+pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> ([T; N], [T; N]) {
+    let mut side = [[[T::zero(); N]; 2]; 3];
+    let mut step = [[[0u32; N]; 2]; 3];
+    let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); N];
     for axis in 0..3 {
-        for i in 0..BLOCK {
+        for i in 0..N {
             let base = floor(p[axis][i]);
             let f = p[axis][i] - T::from_signed(base);
             let g = T::one() - f;
@@ -173,17 +197,17 @@ fn scatterers<T: Real>(p: &[[T; BLOCK]; 3], seed: [u32; 2]) -> ([T; BLOCK], [T; 
             scale[i] /= f * f + g * g;
         }
     }
-    let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+    let (mut re, mut im) = ([T::zero(); N], [T::zero(); N]);
     for corner in 0..8 {
         let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];
-        for i in 0..BLOCK {
+        for i in 0..N {
             let words = pcg_mix([step[0][x][i], step[1][y][i], step[2][z][i]]);
             let weight = side[0][x][i] * side[1][y][i] * side[2][z][i];
             re[i] += weight * centred(words[0]);
             im[i] += weight * centred(words[1]);
         }
     }
-    for i in 0..BLOCK {
+    for i in 0..N {
         let scale = scale[i].sqrt();
         re[i] *= scale;
         im[i] *= scale;

@@ -28,6 +28,9 @@ pub struct SpeckleTables {
     pub axial_share: f64,
     /// Per sample: factor that makes up for what the axial kernel finds nothing to weigh, near the ends of a scanline.
     pub ends: Numbers,
+    /// Per sample: factor by which a surface square to the beam keeps its echo through both kernels, the step between two samples being
+    /// shared by them.
+    pub specular: Numbers,
     /// Weights across fine scanlines.
     pub lateral: LateralKernel,
     /// Factors that make up for what the lateral kernel finds nothing to weigh beyond the outermost scanlines: from either
@@ -90,6 +93,11 @@ impl SpeckleTables {
         let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
         let fine_lines = (grid.lines() - 1) * oversampling + 1;
         let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.at(sample).collect()).collect();
+        let step = step_weight(&axial);
+        let specular = by_depth
+            .iter()
+            .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
+            .collect();
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
         let edges = (0..edge_lines * grid.samples())
             .into_par_iter()
@@ -108,9 +116,22 @@ impl SpeckleTables {
             axial: Numbers::new(axial),
             axial_share: if asked > axial_sigma { axial_sigma / asked } else { 1.0 },
             ends: Numbers::new(ends),
+            specular: Numbers::new(specular),
             lateral,
             edges: Numbers::new(edges),
         }
+    }
+
+    /// By how much an echo of the depth of `reach_mm` to either side, sampled every `sample_mm`, comes out of the axial kernel louder than
+    /// that of a surface.
+    pub fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
+        let axial = self.axial.of::<f64>();
+        let middle = (axial.len() / 2) as f64;
+        let inside = axial
+            .iter()
+            .enumerate()
+            .filter(|(tap, _)| (*tap as f64 - middle).abs() * sample_mm <= reach_mm);
+        (inside.map(|(_, weight)| weight).sum::<f64>() / step_weight(axial)).max(1.0)
     }
 
     /// Fine scanlines.
@@ -127,4 +148,10 @@ impl SpeckleTables {
     pub(super) fn axial_reach(&self) -> usize {
         self.axial.of::<f64>().len() / 2
     }
+}
+
+/// What the axial kernel makes of a step whose echo two samples share.
+fn step_weight(axial: &[f64]) -> f64 {
+    let middle = axial.len() / 2;
+    0.5 * (axial[middle] + axial.get(middle + 1).copied().unwrap_or(0.0))
 }

@@ -1,62 +1,149 @@
-//! Interface: a stencil over labels, which are known exactly; only the arithmetic rounds.
+//! Interface: normals from labels around positions that are known to within rounding, and the roughness there.
 
-use crate::effects::interface::{Interface, reflection};
+use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
+use crate::effects::slice::WITHIN;
 
 use super::rounding::{DIVIDE, ROOT, ULP, pow};
 use super::slack::{Slack, Step};
+use super::speckle::{INTERPOLATION, LOUDEST, SLOPE};
 
-/// Losses of a difference of two smoothed impedances, in ULP of the largest impedance: three products and three sums on
-/// each side, and the difference.
-const STENCIL: f64 = 2.0 * 6.0 + 1.0;
+/// Change of the gradient, as a sum over all taps, for a step of a tap along each axis: with weights `w = (1 - x^2 / 9)^2` and slopes
+/// `d = x (1 - x^2 / 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
+const CHANGE: f64 = 5.5 * 3.3 * 3.3;
+
+/// What rounding does to it: 216 sums of products of weights of ten operations each.
+const SUMS: f64 = (216.0 + 3.0 * 10.0 + 3.0) * ULP * 5.0 * 3.3 * 3.3;
+
+/// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
+const TERM: f64 = 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
+    let surfaces = Surfaces::<f64>::new(tables);
     let own = tables.settings.effects.interface.clone().unwrap_or_default();
     let mirror = 10f64.powf(own.mirror_db / 20.0);
     let (lines, samples) = (step.lines(), step.samples());
-    let spacing = tables.line_spacing.of::<f64>();
-    let patch = |labels: &[u8], line: usize, sample: usize| -> [[f64; 3]; 3] {
-        [line.saturating_sub(1), line, (line + 1).min(lines - 1)].map(|line| {
-            [sample - 1, sample, sample + 1]
-                .map(|sample| f64::from(tables.label_rows[usize::from(labels[line * samples + sample])].impedance))
-        })
-    };
+    slack.specular = vec![[0.0; 2]; lines * samples];
+    let positions = &step.after.position;
+    let loudest = 1.0 + LOUDEST;
     for line in 0..lines {
         for sample in 1..samples.saturating_sub(1) {
-            let (z, twin) = (
-                patch(&step.after.label, line, sample),
-                patch(&step.twin.label, line, sample),
-            );
-            let share = |z| reflection(z, tables.sample_mm(), spacing[sample], own.directivity);
             let index = line * samples + sample;
-            slack.amplitude[index] += mirror * ((share(z) - share(twin)).abs() + rounding(twin, &own))
-                + ULP * (step.after.amplitude[index] + 2.0 * mirror * share(twin));
+            let around = [index - 1, index, index + 1];
+            let labels = [&step.after.label, &step.twin.label].map(|labels| [labels[index - 1], labels[index + 1]]);
+            let places = around.map(|at| positions[at]);
+            let [exact, twin] = labels.map(|labels| surfaces.echo(labels, &places).unwrap_or([0.0; 2]));
+            let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
+            let torn = around.iter().any(|at| slack.torn.get(*at).copied().unwrap_or(false));
+            let stepped = labels[1][0] != labels[1][1];
+            let rounding = match (stepped, torn) {
+                (false, _) => 0.0,
+                (true, true) => 2.0 * size * loudest,
+                (true, false) => {
+                    let offs = around.map(|at| slack.position[at]);
+                    rounding(step, &surfaces, own.directivity, labels[1], places, offs) * size
+                }
+            };
+            let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
+            let size = exact[0].hypot(exact[1]);
+            if tables.speckle.is_some() {
+                slack.specular[index] = [off + 4.0 * ULP * size, size];
+            } else {
+                slack.amplitude[index] += off + (ROOT + 4.0 * ULP) * size + ULP * step.after.amplitude[index];
+            }
         }
     }
 }
 
-/// What rounding does to `|a| / total * (|a| / sqrt(a^2 + l^2))^n`, where `a` and `l` are differences.
-fn rounding(z: [[f64; 3]; 3], own: &Interface) -> f64 {
-    let largest = z.iter().flatten().fold(0.0f64, |a, &b| a.max(b));
-    let smallest = z.iter().flatten().fold(f64::INFINITY, |a, &b| a.min(b));
-    if largest == smallest {
-        return 0.0;
+/// What rounding does to the echo of a surface of size 1.
+fn rounding(
+    step: &Step,
+    surfaces: &Surfaces<f64>,
+    power: f64,
+    labels: [u8; 2],
+    places: [[f64; 4]; 3],
+    offs: [[f64; 3]; 3],
+) -> f64 {
+    let loudest = 1.0 + LOUDEST;
+    let [before, at, after] = places.map(|place| [place[0], place[1], place[2]]);
+    let cosine = surfaces.cosine(labels, [before, at, after]);
+    let cosine_off = cosine_off(step, surfaces, labels, [before, at, after], offs, cosine);
+    let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
+    let raised = cosine.powf(power);
+    let raised_off = if power == 0.0 {
+        0.0
+    } else {
+        (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power)
+    };
+    let steps: f64 = (0..3)
+        .map(|axis| (offs[1][axis] + 3.0 * ULP * at[axis].abs()) / ROUGHNESS_MM)
+        .sum();
+    let rough_off = SLOPE * steps + LOUDEST * INTERPOLATION;
+    // The coefficient and the products.
+    raised_off * loudest + (raised + raised_off) * (rough_off + (DIVIDE + 10.0 * ULP) * loudest)
+}
+
+/// Bound on the error of a cosine.
+fn cosine_off(
+    step: &Step,
+    surfaces: &Surfaces<f64>,
+    labels: [u8; 2],
+    [before, at, after]: [[f64; 3]; 3],
+    offs: [[f64; 3]; 3],
+    cosine: f64,
+) -> f64 {
+    let matrix = step.tables.volume.world_to_index();
+    let size = step.tables.volume.size();
+    // Of the indices of the three places.
+    let index_off = |place: [f64; 3], off: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|row| {
+            let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
+            terms(off) + TERM * ULP * (terms(place) + matrix[(row, 3)].abs())
+        })
+    };
+    let ends: [[f64; 3]; 2] = [index_off(before, offs[0]), index_off(after, offs[2])];
+    let middle = index_off(at, offs[1]);
+    let index = |place: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * place[c]).sum::<f64>() + matrix[(row, 3)])
+    };
+    let here = index(at);
+    let near_face = (0..3).any(|axis| {
+        let shifted = here[axis] + 0.5;
+        let reach = middle[axis] + 2.0 * WITHIN;
+        shifted.abs() < reach || (shifted - size[axis] as f64).abs() < reach
+    });
+    let gradient = surfaces.gradient(labels, at);
+    let (Some(gradient), false) = (gradient, near_face) else {
+        return if near_face { 1.0 } else { 0.0 };
+    };
+    let stride = surfaces.stride();
+    // A division by the stride: of the place, with its rounding, and of what comes out.
+    let moved: f64 = (0..3)
+        .map(|axis| (middle[axis] + 4.0 * ULP * size[axis] as f64) / stride[axis])
+        .sum();
+    let gradient_off: [f64; 3] =
+        std::array::from_fn(|axis| (CHANGE * moved + SUMS) / stride[axis] + DIVIDE * gradient[axis].abs());
+    let (from, to) = (index(before), index(after));
+    let (mut along_off, mut along_size) = (0.0, 0.0);
+    let (mut steep, mut steep_off, mut way, mut way_off) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
+    for axis in 0..3 {
+        let long = (to[axis] - from[axis]).abs();
+        along_off +=
+            gradient_off[axis] * long + (gradient[axis].abs() + gradient_off[axis]) * (ends[0][axis] + ends[1][axis]);
+        along_size += gradient[axis].abs() * long;
+        let slope = |of: [f64; 3]| (0..3).map(|row| (matrix[(row, axis)] * of[row]).abs()).sum::<f64>();
+        let exact: f64 = (0..3).map(|row| matrix[(row, axis)] * gradient[row]).sum();
+        steep += exact * exact;
+        steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);
+        let apart = after[axis] - before[axis];
+        way += apart * apart;
+        way_off += (offs[0][axis] + offs[2][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
     }
-    let near = 0.25 * z[0][0] + 0.5 * z[1][0] + 0.25 * z[2][0];
-    let far = 0.25 * z[0][2] + 0.5 * z[1][2] + 0.25 * z[2][2];
-    let total = near + far;
-    if total <= 0.0 {
-        return 0.0;
+    let (steep, steep_off, way, way_off) = (steep.sqrt(), steep_off.sqrt(), way.sqrt(), way_off.sqrt());
+    let relative = steep_off / steep + way_off / way;
+    if !(relative < 0.25) {
+        return 1.0;
     }
-    // The derivative over `a` of the whole is at most (1 + n) / total, that over `l` at most n / total.
-    let differences = (1.0 + 2.0 * own.directivity) * STENCIL * ULP * largest / total;
-    // Relative errors of the cosine (two distances: division and stored spacing; squares, sum, root; quotient), raised to
-    // the power; of the quotient by the total; of the products.
-    let cosine = 2.0 * (DIVIDE + 1.5 * ULP) + 2.0 * ULP + ROOT + DIVIDE;
-    let reflected = (far - near).abs() / total;
-    let worst_power = (0..=64)
-        .map(|at| f64::from(at) / 64.0)
-        .map(|c| c.powf(own.directivity) * pow(c, own.directivity));
-    let power = worst_power.fold(0.0f64, f64::max) * 1.1;
-    differences + reflected * (own.directivity * cosine + power + DIVIDE + 6.0 * ULP)
+    let along_off = (along_off + 6.0 * ULP * along_size) / (steep * way);
+    ((along_off + cosine * relative) / (1.0 - 1.3 * relative) + cosine * (ROOT + DIVIDE + 12.0 * ULP)).min(1.0)
 }

@@ -1,11 +1,12 @@
 //! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by its
 //! root; in front of the tip and behind the hub the share may jump within rounding of the end.
 
-use crate::effects::needle::{Params, segments};
+use crate::effects::needle::{BEVEL, BEVEL_MM, GRAIN_MM, Params, segments};
 use nalgebra::{Point3, Vector3};
 
 use super::rounding::{DIVIDE, ROOT, ULP, exp2, log2, root_off};
 use super::slack::{Slack, Step};
+use super::speckle::{INTERPOLATION, LOUDEST, SLOPE};
 
 /// One segment in the probe frame, with what rounding does to its ends.
 struct Segment {
@@ -37,6 +38,24 @@ impl Segment {
             axis_off,
             size,
         }
+    }
+
+    /// Size of the multiplier of the echo at a point of the plane that is known to `off` mm, at most, and its error.
+    fn grain(&self, point: [f64; 2], off: f64, [first, last]: [f64; 2], number: f64, factor: f64) -> (f64, f64) {
+        let q = Vector3::new(point[0], point[1], 0.0) - self.start;
+        let along = q.dot(&self.axis);
+        let from_tip = first + (along / self.length).clamp(0.0, 1.0) * (last - first);
+        let q_off = off + 0.5 * ULP * self.size + ULP * q.amax();
+        let along_off = 3.0 * (q_off + q.amax() * self.axis_off + 4.0 * ULP * q.amax());
+        let share_off = (along_off + ULP * self.size) / self.length + DIVIDE + 2.0 * ULP;
+        let from_tip_off = share_off * (last - first).abs() + 4.0 * ULP * (first.abs() + last.abs());
+        let jumps = number == 0.0 && (from_tip - BEVEL_MM).abs() <= from_tip_off;
+        let size = BEVEL * factor * (1.0 + LOUDEST);
+        let rough_off = SLOPE * (from_tip_off / GRAIN_MM + 2.0 * ULP * from_tip.abs()) + LOUDEST * INTERPOLATION;
+        (
+            size,
+            BEVEL * factor * (rough_off + 8.0 * ULP * LOUDEST) + if jumps { size } else { 0.0 },
+        )
     }
 
     /// Bound on the error of the share at a point of the plane that is known to `off` mm.
@@ -105,7 +124,10 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         .shadow
         .as_ref()
         .map(|shadow| shadow.beam_mm);
-    for [start, end] in segments(step.tables, step.state) {
+    if slack.specular.is_empty() {
+        slack.specular = vec![[0.0; 2]; step.lines() * step.samples()];
+    }
+    for [start, end, [first, last, number, factor]] in segments(step.tables, step.state) {
         let plane = Plane {
             radius: start[3],
             thickness: end[3],
@@ -129,7 +151,18 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     let off = 6.0 * ULP * size;
                     let share_off = segment.share_off(point, off, &plane);
                     let repeated = (f64::from(repetition) + 4.0) * ULP;
-                    slack.amplitude[index] += echo * (square * (share_off + repeated) + square_off);
+                    let (grain, grain_off) = segment.grain(point, off, [first, last], number, factor);
+                    // Nothing is there where the share is nil on both sides.
+                    let share = if share_off > 0.0 { 1.0 } else { 0.0 };
+                    let loud = echo * share * square;
+                    let departs = echo * (square * (share_off + repeated) + square_off) * (grain + grain_off) * share
+                        + loud * (grain_off + 6.0 * ULP * grain);
+                    if step.tables.speckle.is_some() {
+                        slack.specular[index][0] += departs + ULP * slack.specular[index][1];
+                        slack.specular[index][1] += loud * grain;
+                    } else {
+                        slack.amplitude[index] += departs + ROOT * loud * grain;
+                    }
                     if repetition == 0 {
                         let before = slack.mask[index];
                         slack.mask[index] = (before + share_off + ULP).min(1.0);

@@ -1,35 +1,110 @@
-//! Shadow: a sum of integers, which agree exactly wherever the labels above agree, one exponential, and its mean over the beam.
+//! Shadow: sums of integers, which agree exactly wherever the labels above agree, their exponentials, and their means over the aperture and
+//! over the beam.
 
+use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, needle_units};
+use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, needle_units, opens};
 
 use super::rounding::{DIVIDE, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
 
 /// Past the pass of the losses, which leaves echoes as they are.
 pub fn carry_loss(step: &Step, slack: &mut Slack) {
-    let tables = step.tables;
-    let needle = tables.settings.has_needle.then(|| f64::from(needle_units(tables)));
-    let tissue = |label: u8| f64::from(tables.label_rows[usize::from(label)].loss);
-    slack.loss = vec![0.0; step.after.loss.len()];
-    for line in 0..step.lines() {
-        let mut above = 0.0;
-        for sample in 0..step.samples() {
-            let index = line * step.samples() + sample;
-            let mut own = (tissue(step.after.label[index]) - tissue(step.twin.label[index])).abs();
-            let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
-            if let Some(units) = needle
-                && shade_off > 0.0
-            {
-                // Cutting the product to a whole number of units may take one more or less.
-                own += units * (shade_off + ULP) + 1.0;
-            }
-            // Half of the sample's own loss, again cut to whole units.
-            let halved = if own > 0.0 { 0.5 * own + 1.0 } else { 0.0 };
-            slack.loss[index] = above + halved;
-            above += own;
-        }
+    let samples = step.samples();
+    let scanlines = (0..step.lines()).flat_map(|line| {
+        down(samples, |sample| {
+            let index = line * samples + sample;
+            let [tissue, tissue_off] = tissue(step, index, |_| true);
+            let [needle, needle_off] = needle(step, slack, index);
+            [tissue + needle, tissue_off + needle_off]
+        })
+    });
+    let losses = scanlines.map(|[_, off]| off).collect();
+    slack.loss = losses;
+}
+
+/// Loss of a sample in a tissue that counts, units, and how far a twin's may be off.
+fn tissue(step: &Step, index: usize, counts: impl Fn(u32) -> bool) -> [f64; 2] {
+    let loss = |label: u8| {
+        let loss = step.tables.label_rows[usize::from(label)].loss;
+        if counts(loss) { f64::from(loss) } else { 0.0 }
+    };
+    let [exact, twin] = [step.after, step.twin].map(|beam| loss(beam.label[index]));
+    [exact, (exact - twin).abs()]
+}
+
+/// The same in the needle.
+fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
+    let units = f64::from(needle_units(step.tables));
+    let Some(shade) = step.after.shade.get(index).filter(|_| step.tables.settings.has_needle) else {
+        return [0.0; 2];
+    };
+    let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
+    // Cutting the product to a whole number of units may take one more or less.
+    let off = if shade_off > 0.0 { units * (shade_off + ULP) + 1.0 } else { 0.0 };
+    [(shade * units).floor(), off]
+}
+
+/// Loss down to the middle of each sample, and how far a twin's may be off, from each sample's own.
+fn down(samples: usize, own: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
+    let mut above = [0.0; 2];
+    let sample = |sample| {
+        let [loss, off] = own(sample);
+        // Half of the sample's own loss, again cut to whole units.
+        let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
+        let found = [above[0] + (0.5 * loss).floor(), above[1] + halved];
+        above = [above[0] + loss, above[1] + off];
+        found
+    };
+    (0..samples).map(sample).collect()
+}
+
+/// One-way transmittance of every sample, and how far a twin's may be off, before the mean over the beam.
+fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
+    let (lines, samples) = (step.lines(), step.samples());
+    if !opens(step.tables) {
+        let losses = step.after.loss.iter().zip(&slack.loss);
+        return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
     }
+    let opaque = opaque_units(step.tables.sample_mm());
+    let shifts = &step.tables.aperture;
+    let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
+        .flat_map(|row| {
+            let (ray, element) = (row / lines, row % lines);
+            let losses = down(samples, |sample| {
+                let Some(line) = line_at(shifts, samples, [ray, element, sample], lines) else {
+                    return [0.0; 2];
+                };
+                let index = line * samples + sample;
+                let [tissue, tissue_off] = tissue(step, index, |loss| loss >= opaque);
+                let [needle, needle_off] = needle(step, slack, index);
+                [tissue + needle, tissue_off + needle_off]
+            });
+            losses.into_iter().map(|[loss, off]| one_way(loss, off))
+        })
+        .collect();
+    let mean = |line: usize, sample: usize| {
+        let elements = (0..RAYS).filter_map(|ray| {
+            element_at(shifts, samples, [ray, line, sample], lines).map(|element| (ray * lines + element) * samples + sample)
+        });
+        let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), at| {
+            ([value + of_rays[at][0], off + of_rays[at][1]], count + 1.0)
+        });
+        let [value, off] = sum.map(|x| x / count);
+        [value, off + (RAYS as f64 * ULP + DIVIDE) * (value + off)]
+    };
+    (0..lines)
+        .flat_map(|line| {
+            let soft = down(samples, |sample| tissue(step, line * samples + sample, |loss| loss < opaque));
+            let soft = soft.into_iter().map(|[loss, off]| one_way(loss, off)).enumerate();
+            soft.map(move |(sample, soft)| (line, sample, soft))
+        })
+        .map(|(line, sample, [soft, soft_off])| {
+            let [mean, mean_off] = mean(line, sample);
+            let off = soft_off * (mean + mean_off) + soft * mean_off;
+            [soft * mean, off + ULP * (soft * mean + off) + TINY]
+        })
+        .collect()
 }
 
 /// One-way transmittance of a sample, and how far a twin's may be off.
@@ -51,12 +126,10 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let opaque = opaque_units(step.tables.sample_mm());
     let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
+    let all = through(step, slack);
     for sample in 0..samples {
         let weights: Vec<f64> = kernel.at(sample).collect();
-        let through: Vec<[f64; 2]> = (0..lines)
-            .map(|line| line * samples + sample)
-            .map(|at| one_way(f64::from(step.after.loss[at]), slack.loss[at]))
-            .collect();
+        let through: Vec<[f64; 2]> = (0..lines).map(|line| all[line * samples + sample]).collect();
         for line in 0..lines {
             let (mut mean, mut off, mut norm) = (0.0, 0.0, 0.0);
             for (tap, weight) in weights.iter().enumerate() {

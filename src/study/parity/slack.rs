@@ -15,6 +15,8 @@ pub struct Slack {
     pub torn: Vec<bool>,
     /// Of the echo amplitude, or of the grey level after `tone`.
     pub amplitude: Vec<f64>,
+    /// Of the complex echo of surfaces and needles, with its size.
+    pub specular: Vec<[f64; 2]>,
     /// Of the share of the plane that the needle fills.
     pub mask: Vec<f64>,
     /// Of the share of the beam that is in the shadow of the needle.
@@ -77,12 +79,14 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         "slice" => slice::carry(step, slack),
         "texture" => texture::carry(step, slack),
         "thickness" => thickness::carry(step, slack)?,
-        // The first two passes of the speckle leave nothing in the beam; the third carries all three.
-        "speckle_scatter" | "speckle_axial" => {}
+        // The first passes of the speckle leave nothing in the beam; the last carries them all.
+        "speckle_scatter" | "speckle_specular" | "speckle_axial" => {}
         "speckle_lateral" => speckle::carry(step, slack),
         "interface" => interface::carry(step, slack),
         "needle" => needle::carry(step, slack),
         "shadow_loss" => shadow::carry_loss(step, slack),
+        // What the rays let through is not in the beam; the last pass carries it.
+        "shadow_rays" | "shadow_aperture" => {}
         "shadow" => shadow::carry(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),

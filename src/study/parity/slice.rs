@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::effects::slice::{Beyond, Boundary, WITHIN};
+use crate::effects::slice::{Beyond, Boundary, WITHIN, spline};
 use crate::synth::tables::Tables;
 
 use super::rounding::ULP;
@@ -15,6 +15,10 @@ const TERM: f64 = 4.5;
 /// Losses of a share of the votes: eight weights of two products each from fractions that lose one difference each, and
 /// up to seven sums, of weights that sum to 1.
 const SHARE: f64 = 2.0 + 3.0 + 7.0;
+
+/// The same of B-splines: weights of up to eight operations each from a fraction that loses a difference, two products, and
+/// sums of four by four by four terms, of weights that sum to 1.
+const SMOOTH_SHARE: f64 = 3.0 * (8.0 + 1.0) + 2.0 + 12.0 + 16.0;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
     let echo = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].echo);
@@ -71,7 +75,7 @@ pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]
     }
     match tables.settings.effects.slice.boundary {
         Boundary::Nearest => nearest(tables, low, high, &mut labels),
-        Boundary::Vote => vote(tables, low, high, &mut labels),
+        boundary => vote(tables, low, high, boundary, &mut labels),
     }
     labels
 }
@@ -122,37 +126,48 @@ fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet
 }
 
 /// Labels whose share of the votes may be the largest somewhere in the box of indices. Shares are continuous across cells
-/// and change by at most 1 a voxel along each axis.
-fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
+/// and change by at most 1 a voxel along each axis, trilinear or of B-splines.
+fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labels: &mut BTreeSet<u8>) {
     let index: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
     let off: f64 = (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).sum();
     let size = tables.volume.size();
     if (0..3).any(|axis| high[axis] + 0.5 < 0.0 || low[axis] + 0.5 >= size[axis] as f64) {
         return;
     }
-    let mut shares = vec![0.0; tables.volume.labels().len()];
-    let mut reached = BTreeSet::new();
-    // Corners of all cells that the box touches: a corner without weight at the middle may have some at the edge.
-    let first: [i64; 3] = std::array::from_fn(|axis| low[axis].floor() as i64);
-    let last: [i64; 3] = std::array::from_fn(|axis| high[axis].floor() as i64 + 1);
-    for k in first[2]..=last[2] {
-        for j in first[1]..=last[1] {
-            for i in first[0]..=last[0] {
-                let corner = [i, j, k];
-                let weight: f64 = (0..3)
-                    .map(|axis| (1.0 - (index[axis] - corner[axis] as f64).abs()).max(0.0))
-                    .product();
-                let voxel = std::array::from_fn(|axis| corner[axis].clamp(0, size[axis] as i64 - 1) as usize);
-                let label = tables.volume.voxels()[tables.volume.offset(voxel)];
-                shares[usize::from(label)] += weight;
-                reached.insert(label);
-            }
+    let (beyond, share_off) = match boundary {
+        Boundary::Smooth => (1, SMOOTH_SHARE),
+        _ => (0, SHARE),
+    };
+    let weight = |at: f64, voxel: i64| match boundary {
+        Boundary::Smooth => {
+            let tap = voxel + 1 - at.floor() as i64;
+            usize::try_from(tap)
+                .ok()
+                .and_then(|tap| spline(at - at.floor()).get(tap).copied())
+                .unwrap_or(0.0)
         }
+        _ => (1.0 - (at - voxel as f64).abs()).max(0.0),
+    };
+    let label = |voxel: [i64; 3]| {
+        let voxel = std::array::from_fn(|axis| voxel[axis].clamp(0, size[axis] as i64 - 1) as usize);
+        tables.volume.voxels()[tables.volume.offset(voxel)]
+    };
+    let voxels = |first: [i64; 3], last: [i64; 3]| {
+        let plane = move |k: i64| (first[1]..=last[1]).flat_map(move |j| (first[0]..=last[0]).map(move |i| [i, j, k]));
+        (first[2]..=last[2]).flat_map(plane)
+    };
+    // Cells that the box touches.
+    let [first, last] = [low, high].map(|ends| ends.map(|at| at.floor() as i64));
+    let mut shares = vec![0.0; tables.volume.labels().len()];
+    for voxel in voxels(first.map(|n| n - beyond), last.map(|n| n + 1 + beyond)) {
+        shares[usize::from(label(voxel))] += (0..3).map(|axis| weight(index[axis], voxel[axis])).product::<f64>();
     }
-    let most = shares.iter().fold(0.0f64, |a, &b| a.max(b));
-    labels.extend(
-        reached
-            .iter()
-            .filter(|&&label| shares[usize::from(label)] >= most - 2.0 * (off + SHARE * ULP)),
-    );
+    for cell in voxels(first, last) {
+        let held: Vec<u8> = voxels(cell, cell.map(|n| n + 1)).map(label).collect();
+        let most = held.iter().map(|label| shares[usize::from(*label)]).fold(0.0, f64::max);
+        labels.extend(
+            held.into_iter()
+                .filter(|&label| shares[usize::from(label)] >= most - 2.0 * (off + share_off * ULP)),
+        );
+    }
 }

@@ -9,15 +9,15 @@ const SCATTERER: f64 = 1.732_050_807_568_877_2;
 
 /// The interpolated scatterers are divided by the product over the axes of sqrt(f^2 + (1 - f)^2), which is at least
 /// sqrt(1/2): at most sqrt(8) times as large.
-const LOUDEST: f64 = SCATTERER * 2.828_427_124_746_190_3;
+pub(super) const LOUDEST: f64 = SCATTERER * 2.828_427_124_746_190_3;
 
 /// Change of the interpolated value a lattice step along one axis: with q = 1 / sqrt(f^2 + (1 - f)^2), at most
 /// q_y q_z (2 |S| q_x + |S| |q_x'|), where q <= sqrt 2 and |q'| <= 1.089.
-const SLOPE: f64 = 2.0 * SCATTERER * (2.0 * std::f64::consts::SQRT_2 + 1.089);
+pub(super) const SLOPE: f64 = 2.0 * SCATTERER * (2.0 * std::f64::consts::SQRT_2 + 1.089);
 
 /// Losses of the interpolation, in ULP of the loudest: differences (2), products (3) and eight sums (8) of the weighted
 /// corners, and for the scale three sums of squares (4 each), two products, root and division.
-const INTERPOLATION: f64 = 13.0 * ULP + (6.0 + 2.0) * ULP + ROOT + DIVIDE + ULP;
+pub(super) const INTERPOLATION: f64 = 13.0 * ULP + (6.0 + 2.0) * ULP + ROOT + DIVIDE + ULP;
 
 /// Losses of a position in lattice units, in ULP of it: mix of two scanlines (3), offset (3), sum (1), lattice distance
 /// stored (1/2) and product (1).
@@ -65,9 +65,19 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let loud = planes * LOUDEST;
             let at = nearest * samples + sample;
             let (amplitude, off) = (step.before.amplitude[at], slack.amplitude[at]);
+            // Echoes of surfaces and needles, between two scanlines, times a stored factor, added.
+            let specular = [a, b].map(|at| slack.specular.get(at).copied().unwrap_or([0.0; 2]));
+            let factor = own.specular.of::<f64>()[sample];
+            let [off_specular, size] = [0, 1].map(|part| factor * specular[0][part].max(specular[1][part]));
+            let size = size + off_specular;
             echoes[fine * samples + sample] = [
-                (amplitude + off) * value + off * loud + ULP * amplitude * loud,
-                amplitude * loud,
+                (amplitude + off) * value
+                    + off * loud
+                    + ULP * amplitude * loud
+                    + off_specular
+                    + (2.0 * MIX + 4.0 * ULP) * size
+                    + ULP * (amplitude * loud + size),
+                amplitude * loud + size,
             ];
         }
     }

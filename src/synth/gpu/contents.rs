@@ -21,7 +21,7 @@ pub(super) fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u
             .map_or(Vec::new(), |atlas| bytemuck::cast_slice(&atlas.entries).to_vec()),
         Resource::TextureAtlas => tables.atlas.as_ref().map_or(Vec::new(), |atlas| floats(&atlas.data)),
         Resource::AxialKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
-            floats(&[speckle.axial.of::<f32>(), speckle.ends.of()].concat())
+            floats(&[speckle.axial.of::<f32>(), speckle.ends.of(), speckle.specular.of()].concat())
         }),
         Resource::LateralKernel => tables.speckle.as_ref().map_or(Vec::new(), |speckle| {
             floats(&[speckle.lateral.weights.of::<f32>(), speckle.edges.of()].concat())
@@ -34,7 +34,7 @@ pub(super) fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u
             .penumbra
             .as_ref()
             .map_or(Vec::new(), |kernel| floats(kernel.weights.of())),
-        Resource::LineSpacing => floats(tables.line_spacing.of()),
+        Resource::ApertureShifts => bytemuck::cast_slice(&tables.aperture).to_vec(),
         Resource::Clutter => floats(&tables.clutter),
         Resource::Gain => floats(tables.gain.of()),
         Resource::ScanMap => {

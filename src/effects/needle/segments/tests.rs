@@ -28,10 +28,15 @@ fn a_seed_is_a_segment_about_its_centre_with_radius_and_thickness() {
     let found: Vec<_> = segments(&tables, &state).collect();
     let half = SEED_LENGTH_MM / 2.0;
     let [radius, thickness] = [SEED_DIAMETER_MM / 2.0, SEED_DIAMETER_MM].map(|length| f64::from(length as f32));
+    let [[start, end, [first, last, number, factor]]] = found[..] else {
+        panic!("one segment: {found:?}")
+    };
     assert_eq!(
-        found,
-        [[[1.0, 20.0 - half, 0.25, radius], [1.0, 20.0 + half, 0.25, thickness]]]
+        [start, end],
+        [[1.0, 20.0 - half, 0.25, radius], [1.0, 20.0 + half, 0.25, thickness]]
     );
+    assert_eq!((first, last, number), (SEED_LENGTH_MM, 0.0, 1.0));
+    assert!(factor > 0.0 && factor <= 1.0);
 }
 
 #[test]
@@ -45,7 +50,7 @@ fn what_does_not_meet_the_plane_is_left_to_itself() {
             lying(-reach + 1e-3),
             lying(-reach - 1e-3),
         ];
-        let depths: Vec<f64> = segments(&tables, &state).map(|[start, _]| start[2]).collect();
+        let depths: Vec<f64> = segments(&tables, &state).map(|[start, ..]| start[2]).collect();
         assert_eq!(depths, [reach - 1e-3, -reach + 1e-3]);
         assert_eq!(left_out(&tables, &state), 0);
     }
@@ -70,6 +75,9 @@ fn too_many_segments_are_told() {
         (found[0][0][0], found[needle - 1][1][0]),
         (10.0, (MAX_NODES + 9) as f64)
     );
+    // The last of it ends at the tip.
+    assert_eq!(found[needle - 1][2][..3], [1.0, 0.0, 0.0]);
+    assert_eq!(found[0][2][0], needle as f64);
     assert_eq!(found[MAX_SEGMENTS - 1][0][2], (MAX_SEGMENTS - needle - 1) as f64 * 1e-3);
     assert_eq!(left_out(&tables, &state), 10 + 200 - (MAX_SEGMENTS - needle));
     let mut hidden = tables.clone();

@@ -6,6 +6,7 @@ fn shaft(start: [f64; 3], end: [f64; 3], radius: f64, thickness: f64) -> Shaft<f
     Shaft::new([
         [start[0], start[1], start[2], radius],
         [end[0], end[1], end[2], thickness],
+        [0.0, 0.0, 1.0, 1.0],
     ])
 }
 
@@ -62,6 +63,7 @@ fn the_depths_tried_hold_every_echo() {
         sample_mm: 0.25,
         samples: 400,
         echo: 1.0,
+        steady: 1.0,
         ..Zeroable::zeroed()
     };
     for end in [
@@ -74,8 +76,8 @@ fn the_depths_tried_hold_every_echo() {
         for line in -20..20 {
             let angle = f64::from(line) * 0.05;
             let ray = [f64::from(line), 0.0, angle.sin(), angle.cos()];
-            let (mut amplitudes, mut mask) = (vec![0.0; 400], vec![[0.0; 2]; 400]);
-            shaft.scanline(ray, &numbers, &mut amplitudes, &mut mask);
+            let (mut echoes, mut mask) = (vec![[0.0; 2]; 400], vec![[0.0; 2]; 400]);
+            shaft.scanline(ray, &numbers, &mut mask, |i, echo| echoes[i] = echo);
             for (i, &[found, _]) in mask.iter().enumerate() {
                 let depth = (i as f64 + 0.5) * 0.25;
                 assert_eq!(
@@ -83,6 +85,8 @@ fn the_depths_tried_hold_every_echo() {
                     shaft.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth),
                     "line {line} sample {i}"
                 );
+                // To the power 0 no direction counts.
+                assert!(echoes[i] == [found, 0.0], "line {line} sample {i}");
             }
         }
     }

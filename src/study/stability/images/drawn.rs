@@ -264,6 +264,7 @@ fn effects(draw: &mut Draw) -> Effects {
             occlusion: draw.chance(0.7),
             needle_db_mm: draw.within(0.0, 20.0),
             beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
+            f_number: if draw.chance(0.3) { 0.0 } else { draw.within(0.5, 8.0) },
         }),
         blur: draw.maybe(0.6, |draw| Blur {
             width_mm: Some(draw.within(0.0, 4.0)),
@@ -281,10 +282,6 @@ fn effects(draw: &mut Draw) -> Effects {
         }),
         ..Effects::default()
     };
-    effects.slice.boundary = if draw.chance(0.5) {
-        Boundary::Nearest
-    } else {
-        Boundary::Vote
-    };
+    effects.slice.boundary = [Boundary::Nearest, Boundary::Vote, Boundary::Smooth][draw.below(3)];
     effects
 }

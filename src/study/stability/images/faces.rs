@@ -46,7 +46,7 @@ pub fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let shape = ProbeShape::Linear { width_mm: 24.0 };
     let mut tally = Tally::default();
     let (mut apart, mut moved, mut on_face): (Vec<(String, usize)>, usize, usize) = (Vec::new(), 0, 0);
-    for boundary in [Boundary::Nearest, Boundary::Vote] {
+    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
         let mut effects = Effects::default();
         effects.slice.boundary = boundary;
         for (at, state) in poses().into_iter().enumerate() {

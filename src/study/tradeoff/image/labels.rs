@@ -121,7 +121,11 @@ pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>,
     let mut finest = Synthesizer::new(anatomy(FINEST_MM), settings(Boundary::Vote, grid), Backend::CpuF64)?;
     let standard = finest.render(&state)?.pixels.clone();
     let inside = inside(&finest);
-    for (name, boundary) in [("nearest voxel", Boundary::Nearest), ("voted", Boundary::Vote)] {
+    for (name, boundary) in [
+        ("nearest voxel", Boundary::Nearest),
+        ("voted", Boundary::Vote),
+        ("smoothed", Boundary::Smooth),
+    ] {
         let mut coarser: Option<Apart> = None;
         for voxel_mm in VOXELS_MM {
             let mut synth = Synthesizer::new(anatomy(voxel_mm), settings(boundary, grid), Backend::Cpu)?;

@@ -1,0 +1,149 @@
+//! Aperture: bone, gas and needles hide a place from part of the aperture alone, so that the edges of their shadows open with depth.
+//!
+//! A scanner receives a place at depth `z` with elements as far as `z / (2 F)` to either side, of f-number `F`. Rays from
+//! [`RAYS`] of them run straight to each place; the wave is the mean of what they let through (O. Mattausch and O. Goksel,
+//! Eurographics Workshop on Visual Computing for Biology and Medicine, 2016, cast such rays at random). A ray from an element leans by the same angle wherever on it the place
+//! is, so that the losses down one ray serve all places on it: they add up in one scan an element and an angle. Elements beyond
+//! the ends of the array send none. The attenuation of soft tissue is that of the scanline.
+
+use rayon::prelude::*;
+
+use super::{MOST_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
+use crate::effects::pass::View;
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+use crate::tracking::probe::BeamGrid;
+
+/// Rays to a place, the middle one down its scanline.
+pub const RAYS: usize = 5;
+/// Those to either side.
+const SIDE: usize = RAYS / 2;
+
+impl Shadow {
+    /// Of each ray beside the middle, from the inside outwards, a row over the samples: scanlines between the place and the element. Empty
+    /// where shadows do not open.
+    pub fn shifts(&self, grid: &BeamGrid) -> Vec<u32> {
+        if self.f_number > 0.0 { shifts(self.f_number, grid) } else { Vec::new() }
+    }
+}
+
+fn shifts(f_number: f64, grid: &BeamGrid) -> Vec<u32> {
+    let mut shifts = Vec::with_capacity(SIDE * grid.samples());
+    for ray in 1..=SIDE {
+        // Rays stand for equal parts of the aperture.
+        let slope = ray as f64 / RAYS as f64 / f_number;
+        let mut lines = 0.0;
+        for sample in 0..grid.samples() {
+            let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6);
+            let step = slope * grid.sample_spacing_mm() / spacing;
+            shifts.push((lines + 0.5 * step).round() as u32);
+            lines += step;
+        }
+    }
+    shifts
+}
+
+/// The scanline where the ray of an element is at a sample; none beside the image.
+pub fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [usize; 3], lines: usize) -> Option<usize> {
+    let shift = |row: usize| shifts[row * samples + sample] as usize;
+    match ray {
+        _ if ray < SIDE => element.checked_sub(shift(SIDE - 1 - ray)),
+        _ if ray > SIDE => Some(element + shift(ray - SIDE - 1)).filter(|line| *line < lines),
+        _ => Some(element),
+    }
+}
+
+/// The element whose ray is at a scanline at a sample; none beside the array.
+pub fn element_at(shifts: &[u32], samples: usize, [ray, line, sample]: [usize; 3], lines: usize) -> Option<usize> {
+    line_at(shifts, samples, [RAYS - 1 - ray, line, sample], lines)
+}
+
+/// Loss of each label that occludes; nothing for others.
+fn occluding(tables: &Tables) -> [u32; 256] {
+    let opaque = penumbra::opaque_units(tables.sample_mm());
+    std::array::from_fn(|label| {
+        let loss = tables.label_rows.get(label).map_or(0, |row| row.loss);
+        if loss >= opaque { loss } else { 0 }
+    })
+}
+
+/// What each ray of each element lets through one way, down to each sample.
+pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let loss = occluding(tables);
+    let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let exponent = T::of(0.5 * exponent_per_unit());
+    let (labels, mask) = (&store.label, &store.needle_mask);
+    store
+        .through
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(row, through)| {
+            let (ray, element) = (row / lines, row % lines);
+            let (mut above, mut left) = (0u32, T::one());
+            for (sample, out) in through.iter_mut().enumerate() {
+                let own = line_at(&tables.aperture, samples, [ray, element, sample], lines).map_or(0, |line| {
+                    let at = line * samples + sample;
+                    let of_needle = needle.map_or(0, |units| (mask[at][1] * units).to_u32().unwrap_or(0));
+                    loss[usize::from(labels[at])] + of_needle
+                });
+                if own == 0 {
+                    *out = left;
+                    continue;
+                }
+                let to = |units: u32| (T::of(f64::from(units.min(MOST_UNITS))) * exponent).exp2();
+                *out = to(above + own / 2);
+                above = (above + own).min(MOST_UNITS);
+                left = to(above);
+            }
+        });
+}
+
+/// Takes of the one-way transmittance of each sample what the rays to it let through, on the mean.
+pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let through = &store.through;
+    store.amplitude_next[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, left)| {
+            for (sample, left) in left.iter_mut().enumerate() {
+                let (mut sum, mut count) = (T::zero(), 0);
+                for ray in 0..RAYS {
+                    if let Some(element) = element_at(&tables.aperture, samples, [ray, line, sample], lines) {
+                        sum += through[(ray * lines + element) * samples + sample];
+                        count += 1;
+                    }
+                }
+                *left *= sum / T::from_signed(count);
+            }
+        });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracking::probe::{BeamGrid, Probe, ProbeShape};
+
+    #[test]
+    fn rays_lean_by_the_aperture_and_find_their_elements_again() {
+        let mut probe = Probe::new(ProbeShape::Linear { width_mm: 50.0 }, 60.0).expect("a probe");
+        (probe.lines, probe.samples) = (101, 300);
+        let grid = BeamGrid::new(&probe).expect("a grid");
+        let (samples, lines) = (grid.samples(), grid.lines());
+        let shifts = shifts(2.0, &grid);
+        // At 40 mm the outer rays come from 2 / 5 of 20 mm to either side; scanlines are half a millimetre apart.
+        let sample = 200;
+        assert!((f64::from(shifts[samples + sample]) - 16.0).abs() <= 1.0, "{}", shifts[samples + sample]);
+        for ray in 0..RAYS {
+            let element = element_at(&shifts, samples, [ray, 50, sample], lines).expect("an element");
+            assert_eq!(line_at(&shifts, samples, [ray, element, sample], lines), Some(50));
+            assert_eq!(line_at(&shifts, samples, [ray, element, 0], lines), Some(element));
+        }
+        assert_eq!(element_at(&shifts, samples, [0, 95, sample], lines), None);
+        assert_eq!(element_at(&shifts, samples, [RAYS - 1, 5, sample], lines), None);
+    }
+}
