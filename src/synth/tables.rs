@@ -161,7 +161,11 @@ impl Tables {
                 .as_ref()
                 .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &settings.probe), &grid)),
             penumbra: settings.effects.shadow.as_ref().map(|shadow| shadow.kernel(&grid)),
-            aperture: settings.effects.shadow.as_ref().map_or(Vec::new(), |shadow| shadow.shifts(&grid)),
+            aperture: settings
+                .effects
+                .shadow
+                .as_ref()
+                .map_or(Vec::new(), |shadow| shadow.shifts(&grid)),
             blur: settings
                 .effects
                 .blur

@@ -9,8 +9,8 @@
 //! - Echogenicity: order and spacing after the backscatter coefficients in Szabo, appendix B, and Duck, section 4.4
 //!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded to
 //!   what B-mode frames show. Fluids sit near the floor of a 60 dB display: what is seen in them is clutter.
-//! - Capsules and walls: no measurement at hand; 0.03 shows as 3 to 4 dB above liver, as the capsules of liver and kidney do in
-//!   clinical frames. A vessel in an organ has what it differs by.
+//! - Capsules and walls: no measurement at hand; 0.06 shows as some 10 dB above liver where the beam is square to it, as the capsules of
+//!   liver and kidney do in clinical frames. A vessel in an organ has half of that, between the walls of portal and of hepatic veins.
 //! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang,
 //!   J. R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
 //!   Poisson's ratio stands for near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
@@ -42,7 +42,7 @@ const ABDOMINAL_FIBRES: [f64; 3] = [0.92, 0.08, 0.38];
 const PARASPINAL_FIBRES: [f64; 3] = [0.12, 0.1, 0.99];
 
 /// Reflection coefficient of a capsule or a vessel's wall.
-const CAPSULE: f64 = 0.03;
+const CAPSULE: f64 = 0.06;
 
 /// One row: colour `0xRRGGBB`, texture ("" for none), acoustics (echo in dB, attenuation in dB/cm/MHz, occlusion per mm,
 /// impedance in MRayl), mechanics (Young's modulus in kPa, Poisson's ratio, needle friction in N/mm, cutting force in N).
@@ -120,7 +120,7 @@ static PRESETS: &[Tissue] = &[
     row("lung",                   0xd8a0a8, "gas",                 [15.0,   4.3,  0.6,  0.45],   [2.0,    0.3,   0.005, 0.2]),
     row("liver",                  0x8a4030, "liver",               [0.0,    0.5,  0.0,  1.66],   [5.0,    0.49,  0.02,  0.94]).within(CAPSULE).organ(),
     row("lesion",                 0xb05a8c, "lesion",              [-9.0,   0.6,  0.0,  1.66],   [25.0,   0.49,  0.03,  1.3]).within(CAPSULE),
-    row("vessel",                 0x3c50b4, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
+    row("vessel",                 0x3c50b4, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(1.5 * CAPSULE),
     row("vessel_wall",            0xc05060, "",                    [8.0,    1.57, 0.0,  1.70],   [300.0,  0.49,  0.03,  1.2]),
     row("bile",                   0x5c8c3c, "bile",                [-66.0,  0.05, 0.0,  1.54],   [0.5,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("gallbladder_wall",       0x7ca858, "",                    [8.0,    0.8,  0.0,  1.64],   [50.0,   0.49,  0.02,  1.0]),

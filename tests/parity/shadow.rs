@@ -57,7 +57,12 @@ fn opaque_tissue_is_seen_by_its_own_scanline() {
                 ..Default::default()
             });
             let name = format!("{name}, f-number {f_number}");
-            cases.push(Case::new(name, scenes::with_bone(), settings.clone(), scenes::oblique_pose()));
+            cases.push(Case::new(
+                name,
+                scenes::with_bone(),
+                settings.clone(),
+                scenes::oblique_pose(),
+            ));
         }
     }
     check_all("shadow of bone", &cases);

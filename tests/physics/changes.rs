@@ -200,7 +200,7 @@ fn a_change_over_the_limits_leaves_everything_as_it_was() {
     (absurd.probe.lines, absurd.probe.samples) = (8192, 16_384);
     (absurd.image.width, absurd.image.height) = (640, 480);
     // Without the effects that would need most of a machine's memory first.
-    (absurd.effects.speckle, absurd.effects.receiver) = (None, None);
+    absurd.effects = crate::support::scene::bare();
     let refused = synthesizer.set(absurd).expect_err("over every limit").to_string();
     assert!(refused.contains("max_storage_buffer_binding_size"), "{refused}");
     assert_eq!(synthesizer.settings(), &settings);

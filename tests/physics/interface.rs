@@ -63,8 +63,9 @@ fn the_echo_of_a_tilted_plane_falls_with_the_power_of_the_cosine() {
             let found = all.iter().sum::<f64>() / all.len() as f64;
             let expected = coefficient * f64::to_radians(angle).cos().powf(directivity);
             println!("{angle} degrees, power {directivity}: {found:.3}, expected {expected:.3}");
+            // Normals are 3 degrees off: at 60 degrees the sixth power of the cosine is then a tenth more on the mean.
             let off = (found - expected).abs();
-            assert!(off < 0.1 * expected, "{angle} degrees: {found}, not {expected}");
+            assert!(off < 0.12 * expected, "{angle} degrees: {found}, not {expected}");
             assert!(found < before, "{angle} degrees: {found} is no less than {before}");
             before = found;
         }

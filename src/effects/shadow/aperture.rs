@@ -24,7 +24,11 @@ impl Shadow {
     /// Of each ray beside the middle, from the inside outwards, a row over the samples: scanlines between the place and the element. Empty
     /// where shadows do not open.
     pub fn shifts(&self, grid: &BeamGrid) -> Vec<u32> {
-        if self.f_number > 0.0 { shifts(self.f_number, grid) } else { Vec::new() }
+        if self.f_number > 0.0 {
+            shifts(self.f_number, grid)
+        } else {
+            Vec::new()
+        }
     }
 }
 
@@ -137,7 +141,11 @@ mod tests {
         let shifts = shifts(2.0, &grid);
         // At 40 mm the outer rays come from 2 / 5 of 20 mm to either side; scanlines are half a millimetre apart.
         let sample = 200;
-        assert!((f64::from(shifts[samples + sample]) - 16.0).abs() <= 1.0, "{}", shifts[samples + sample]);
+        assert!(
+            (f64::from(shifts[samples + sample]) - 16.0).abs() <= 1.0,
+            "{}",
+            shifts[samples + sample]
+        );
         for ray in 0..RAYS {
             let element = element_at(&shifts, samples, [ray, 50, sample], lines).expect("an element");
             assert_eq!(line_at(&shifts, samples, [ray, element, sample], lines), Some(50));

@@ -41,7 +41,11 @@ fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
     };
     let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
     // Cutting the product to a whole number of units may take one more or less.
-    let off = if shade_off > 0.0 { units * (shade_off + ULP) + 1.0 } else { 0.0 };
+    let off = if shade_off > 0.0 {
+        units * (shade_off + ULP) + 1.0
+    } else {
+        0.0
+    };
     [(shade * units).floor(), off]
 }
 
@@ -85,7 +89,8 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         .collect();
     let mean = |line: usize, sample: usize| {
         let elements = (0..RAYS).filter_map(|ray| {
-            element_at(shifts, samples, [ray, line, sample], lines).map(|element| (ray * lines + element) * samples + sample)
+            element_at(shifts, samples, [ray, line, sample], lines)
+                .map(|element| (ray * lines + element) * samples + sample)
         });
         let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), at| {
             ([value + of_rays[at][0], off + of_rays[at][1]], count + 1.0)
@@ -95,7 +100,9 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     };
     (0..lines)
         .flat_map(|line| {
-            let soft = down(samples, |sample| tissue(step, line * samples + sample, |loss| loss < opaque));
+            let soft = down(samples, |sample| {
+                tissue(step, line * samples + sample, |loss| loss < opaque)
+            });
             let soft = soft.into_iter().map(|[loss, off]| one_way(loss, off)).enumerate();
             soft.map(move |(sample, soft)| (line, sample, soft))
         })
