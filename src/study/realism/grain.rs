@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{SMatrix, SVector};
 
 use super::picture::Picture;
-use super::sector::BLACK;
+use super::sector::{BLACK, dark_limit};
 use crate::study::statistics::{full_width, mean, skewness, slope, std};
 
 /// Dynamic range that 255 grey levels are taken to show where echoes are asked for, dB: that of a real frame is unknown.
@@ -185,7 +185,7 @@ impl Patch {
         let mut rings = vec![[0.0; 3]; RINGS];
         for (at, power) in power.iter().enumerate() {
             let f = frequency(at % width, width).hypot(frequency(at / width, height));
-            if f >= BAND[0] && f < BAND[1] {
+            if (BAND[0]..BAND[1]).contains(&f) {
                 let ring = ((f - BAND[0]) / (BAND[1] - BAND[0]) * RINGS as f64) as usize;
                 let sums = [1.0, f, *power];
                 (0..3).for_each(|i| rings[ring.min(RINGS - 1)][i] += sums[i]);
@@ -286,9 +286,9 @@ impl Sums {
 struct Looked {
     window: Window,
     mean: f64,
-    /// Largest difference between the means of its quarters, in standard deviations of its grey levels.
-    unevenness: f64,
     std: f64,
+    /// Largest differences between the means of its quarters, and between their standard deviations.
+    uneven: [f64; 2],
     black: f64,
     white: f64,
 }
@@ -309,20 +309,24 @@ fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<
         // Sums of zeros and ones are exact.
         .filter(|&window| inside.mean(window) == 1.0)
         .map(|window| {
-            let mean = first.mean(window);
-            let std = (second.mean(window) - mean * mean).max(0.0).sqrt();
+            let moments = |window: Window| {
+                let mean = first.mean(window);
+                [mean, (second.mean(window) - mean * mean).max(0.0).sqrt()]
+            };
             let (width, height) = (width / 2, height / 2);
             let quarters = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, down)| {
                 let x = window.x + right * width;
                 let y = window.y + down * height;
-                first.mean(Window { x, y, width, height })
+                moments(Window { x, y, width, height })
             });
-            let [high, low] = [f64::max, f64::min].map(|of| quarters.into_iter().fold(mean, of));
+            let extreme = |of: fn(f64, f64) -> f64, moment: usize| quarters.map(|it| it[moment]).into_iter().reduce(of);
+            let range = |moment| Some(extreme(f64::max, moment)? - extreme(f64::min, moment)?);
+            let [mean, std] = moments(window);
             Looked {
                 window,
                 mean,
-                unevenness: (high - low) / std,
                 std,
+                uneven: [0, 1].map(|moment| range(moment).unwrap_or(0.0)),
                 black: black.mean(window),
                 white: white.mean(window),
             }
@@ -342,26 +346,22 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
     chosen
 }
 
-/// The most uniform windows of a size in the sector: those with the least difference between the means of their quarters, in standard
-/// deviations of their grey levels; of mean grey 45 to 200, at most 2 % of them black or white, half a window apart.
+/// The most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both added up and
+/// relative to the mean; of mean grey 45 to 200, at most 2 % of them black or white, half a window apart.
 pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
     let fits = |it: &Looked| (45.0..=200.0).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
     let windows = looked(picture, mask, size).into_iter().filter(fits);
     let apart = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
-    first_apart(windows.map(|it| (it.unevenness, it.window)).collect(), most, apart)
+    let chosen_by = |it: Looked| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
+    first_apart(windows.map(chosen_by).collect(), most, apart)
 }
 
 /// The darkest windows of a size in the sector that show grain: of a mean below half that of the sector, a standard deviation of a grey
-/// level at least, at most half of them black, quarters alike within a standard deviation; they do not overlap.
+/// level at least, at most half of them black, and the unevenness of [`uniform_windows`] at most 1; they do not overlap.
 pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
-    let inside = || {
-        mask.iter()
-            .zip(&picture.grey)
-            .filter(|(inside, _)| **inside)
-            .map(|(_, grey)| *grey)
-    };
-    let limit = 0.5 * inside().sum::<f64>() / inside().count() as f64;
-    let fits = |it: &Looked| it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.unevenness <= 1.0;
+    let limit = dark_limit(picture, mask);
+    let fits =
+        |it: &Looked| it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean;
     let windows = looked(picture, mask, size).into_iter().filter(fits);
     let apart = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
     first_apart(windows.map(|it| (it.mean, it.window)).collect(), most, apart)

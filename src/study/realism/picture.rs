@@ -15,6 +15,8 @@ use crate::volume::{At, VolumeError};
 
 /// Least difference between the channels of a pixel that make it a coloured overlay: grey maps of scanners are tinted by less.
 const COLOURED: u8 = 40;
+/// Sides of pixels that are believed, mm.
+pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
 /// Most columns and rows of a PNG file.
 const LARGEST: u32 = 8192;
 
@@ -57,7 +59,8 @@ pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -
         }
     }
     for picture in &mut pictures {
-        picture.mm = picture.mm.or(mm_per_pixel.map(|mm| [mm; 2]));
+        let stated = picture.mm.filter(|mm| mm.iter().all(|mm| PIXEL_MM.contains(mm)));
+        picture.mm = stated.or(mm_per_pixel.map(|mm| [mm; 2]));
     }
     Ok(pictures)
 }
@@ -130,7 +133,7 @@ fn png(path: &Path) -> Result<Picture, VolumeError> {
 fn pixel_mm(sidecar: &Path) -> Option<f64> {
     let text = read::text(sidecar, read::TOML).ok()?;
     let known: serde_json::Value = serde_json::from_str(&text).ok()?;
-    known["image"]["pixel_mm"].as_f64().filter(|mm| *mm > 0.0)
+    known["image"]["pixel_mm"].as_f64()
 }
 
 /// Evenly spaced frames of a sequence.
@@ -185,7 +188,7 @@ fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
     let known = transforms.filter(|(name, transform)| transform.valid && from_pixels(name));
     known
         .map(|(_, transform)| [0, 1].map(|axis| transform.matrix.fixed_view::<3, 1>(0, axis).norm()))
-        .find(|mm| *mm != [1.0; 2] && mm.iter().all(|mm| *mm > 0.0))
+        .find(|mm| *mm != [1.0; 2])
 }
 
 /// Whether a file begins as DICOM files do (DICOM PS3.10, 7.1: 128 bytes, then `DICM`), or is named as one.

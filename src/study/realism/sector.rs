@@ -12,6 +12,8 @@ pub const BLACK: f64 = 2.0;
 const GUESSED: usize = 40;
 /// Distance from the outline within which a column agrees with it, pixels.
 const AGREES: f64 = 1.5;
+/// Curvature up to which an outline is taken for straight, in pixels: a radius of 1000 pixels.
+const STRAIGHT: f64 = 5e-4;
 /// Steepest outline of an array at the middle of the sector.
 const STEEPEST: f64 = 0.25;
 
@@ -92,21 +94,23 @@ pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
     regions
 }
 
-/// Share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the parabola, straight or
-/// bulging downwards, that most upper ends of the sector's columns lie on; only lines across it that meet the sector further down count.
+/// Share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or the arc that
+/// bulges downwards, that most upper ends of the sector's columns lie on; only lines across it that meet the sector further down count.
 /// None where no outline fits a fifth of the columns.
 pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
     let top = |x: usize| column(x).position(|at| mask[at]);
     let ends: Vec<[f64; 2]> = (0..width).filter_map(|x| Some([x as f64, top(x)? as f64])).collect();
-    let outline = outline(&ends)?;
+    let outline = Outline::of(&ends)?;
     let rows = (0..picture.height)
         .filter(|y| mask[y * width..][..width].contains(&true))
         .count() as f64;
     let (mut empty, mut all) = (0usize, 0usize);
     for [x, _] in &ends {
-        let (y, slope) = outline(*x);
+        let Some([y, slope]) = outline.at(*x) else {
+            continue;
+        };
         let length = slope.hypot(1.0);
         let [dx, dy] = [-slope / length, 1.0 / length];
         let at = |along: f64| {
@@ -114,12 +118,12 @@ pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f6
             let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < picture.height as f64;
             inside.then_some(y as usize * width + x as usize).filter(|&at| mask[at])
         };
-        let deeper = (1..=40).filter(|n| at(rows * (0.05 + 0.15 * f64::from(*n) / 40.0)).is_some());
+        let deeper = (1..=40).filter(|n| at(rows * (0.15 + 0.15 * f64::from(*n) / 40.0)).is_some());
         if deeper.count() < 36 {
             continue;
         }
         let step_mm = (dx * mm[0]).hypot(dy * mm[1]);
-        for n in 0..(depth_mm / step_mm) as usize {
+        for n in 0..((depth_mm / step_mm) as usize).min(picture.height) {
             all += 1;
             empty += usize::from(at(n as f64 + 0.5).is_none_or(|at| picture.grey[at] <= BLACK));
         }
@@ -127,45 +131,82 @@ pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f6
     (all > 0).then(|| empty as f64 / all as f64)
 }
 
-/// The parabola, as height and slope at a column, that most points lie on.
-fn outline(points: &[[f64; 2]]) -> Option<impl Fn(f64) -> (f64, f64) + use<>> {
-    let last = points.len().checked_sub(1)?;
-    let chosen: Vec<[f64; 2]> = (0..GUESSED).map(|n| points[n * last / (GUESSED - 1)]).collect();
-    let middle = 0.5 * (points[0][0] + points[last][0]);
-    let through = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-        let first = (b[1] - a[1]) / (b[0] - a[0]);
-        let second = ((c[1] - b[1]) / (c[0] - b[0]) - first) / (c[0] - a[0]);
-        move |x: f64| {
-            let (from_a, from_b) = (x - a[0], x - b[0]);
-            let y = a[1] + first * from_a + second * from_a * from_b;
-            (y, first + second * (from_a + from_b), second)
+/// The lower side of a circle, or a straight line.
+#[derive(Clone, Copy)]
+enum Outline {
+    Arc { centre: [f64; 2], radius: f64 },
+    Line { through: [f64; 2], slope: f64 },
+}
+
+impl Outline {
+    /// The outline through three points from left to right; none where it bulges upwards.
+    fn through([a, b, c]: [[f64; 2]; 3]) -> Option<Self> {
+        let slope = (c[1] - a[1]) / (c[0] - a[0]);
+        let curvature = ((c[1] - b[1]) / (c[0] - b[0]) - (b[1] - a[1]) / (b[0] - a[0])) / (c[0] - a[0]);
+        if curvature.abs() <= STRAIGHT {
+            return Some(Self::Line { through: a, slope });
         }
-    };
-    let mut best = (points.len() / 5, None);
-    for (i, &a) in chosen.iter().enumerate() {
-        for (j, &b) in chosen.iter().enumerate().skip(i + 1) {
-            for &c in &chosen[j + 1..] {
-                let parabola = through(a, b, c);
-                let (_, slope, curvature) = parabola(middle);
-                // Written so that repeated points, which give no number, are left out.
-                if !(slope.abs() <= STEEPEST && curvature <= 5e-4) {
-                    continue;
-                }
-                let agree = points
-                    .iter()
-                    .filter(|p| (parabola(p[0]).0 - p[1]).abs() < AGREES)
-                    .count();
-                if agree > best.0 {
-                    best = (agree, Some(parabola));
-                }
+        let square = |p: [f64; 2]| p[0] * p[0] + p[1] * p[1];
+        let area = 2.0 * (a[0] * (b[1] - c[1]) + b[0] * (c[1] - a[1]) + c[0] * (a[1] - b[1]));
+        let centre = [
+            (square(a) * (b[1] - c[1]) + square(b) * (c[1] - a[1]) + square(c) * (a[1] - b[1])) / area,
+            (square(a) * (c[0] - b[0]) + square(b) * (a[0] - c[0]) + square(c) * (b[0] - a[0])) / area,
+        ];
+        let radius = (a[0] - centre[0]).hypot(a[1] - centre[1]);
+        // Written so that repeated points, which give no number, are left out.
+        (curvature < 0.0 && radius.is_finite()).then_some(Self::Arc { centre, radius })
+    }
+
+    /// Height and slope at a column; none beside an arc.
+    fn at(self, x: f64) -> Option<[f64; 2]> {
+        match self {
+            Self::Line { through, slope } => Some([through[1] + slope * (x - through[0]), slope]),
+            Self::Arc { centre, radius } => {
+                let across = x - centre[0];
+                let down = (radius * radius - across * across).sqrt();
+                (down > 0.0).then(|| [centre[1] + down, -across / down])
             }
         }
     }
-    let parabola = best.1?;
-    Some(move |x| {
-        let (y, slope, _) = parabola(x);
-        (y, slope)
-    })
+
+    /// The outline that most points, at least a fifth of them, lie on.
+    fn of(points: &[[f64; 2]]) -> Option<Self> {
+        let last = points.len().checked_sub(1)?;
+        let chosen: Vec<[f64; 2]> = (0..GUESSED).map(|n| points[n * last / (GUESSED - 1)]).collect();
+        let middle = 0.5 * (points[0][0] + points[last][0]);
+        let mut best = (points.len() as f64 / 5.0, None);
+        for (i, &a) in chosen.iter().enumerate() {
+            for (j, &b) in chosen.iter().enumerate().skip(i + 1) {
+                for &c in &chosen[j + 1..] {
+                    let outline = Self::through([a, b, c]);
+                    let level = |it: &Self| it.at(middle).is_some_and(|[_, slope]| slope.abs() <= STEEPEST);
+                    let Some(outline) = outline.filter(level) else {
+                        continue;
+                    };
+                    let agreement = |p: &[f64; 2]| {
+                        let off = outline.at(p[0]).map_or(AGREES, |[y, _]| y - p[1]);
+                        (1.0 - (off / AGREES).powi(2)).max(0.0)
+                    };
+                    let agree: f64 = points.iter().map(agreement).sum();
+                    if agree > best.0 {
+                        best = (agree, Some(outline));
+                    }
+                }
+            }
+        }
+        best.1
+    }
+}
+
+/// Mean grey level below which parts of a sector are dark: half its own.
+pub(super) fn dark_limit(picture: &Picture, mask: &[bool]) -> f64 {
+    let inside = || {
+        mask.iter()
+            .zip(&picture.grey)
+            .filter(|(inside, _)| **inside)
+            .map(|(_, grey)| *grey)
+    };
+    0.5 * inside().sum::<f64>() / inside().count() as f64
 }
 
 /// Columns in which a boundary must be found for its width to be told.
@@ -178,13 +219,7 @@ const PROFILE: usize = 12;
 /// None where no boundary goes through 16 columns.
 pub fn edge_width(picture: &Picture, mask: &[bool]) -> Option<f64> {
     let (width, height) = (picture.width, picture.height);
-    let inside = || {
-        mask.iter()
-            .zip(&picture.grey)
-            .filter(|(inside, _)| **inside)
-            .map(|(_, grey)| *grey)
-    };
-    let limit = 0.5 * inside().sum::<f64>() / inside().count() as f64;
+    let limit = dark_limit(picture, mask);
     let smooth = |at: usize| -> f64 {
         let rows = [at - width, at, at + width];
         rows.iter()
