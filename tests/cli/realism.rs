@@ -61,7 +61,7 @@ fn folders_files_and_pixel_sizes_are_read() {
 
     // A sidecar states the size of a pixel, and goes before the option; layers in a folder are no frames.
     std::fs::write(bench.path("real/b.json"), r#"{ "image": { "pixel_mm": 0.1 } }"#).expect("written");
-    frame(10, 1).save(bench.path("real/b_depth.png")).expect("written");
+    frame(30, 1).save(bench.path("real/b_depth.png")).expect("written");
     let report = bench
         .run("realism real --against real --json --mm-per-pixel 0.3")
         .json();

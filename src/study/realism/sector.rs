@@ -266,10 +266,10 @@ pub fn edge_width(picture: &Picture, mask: &[bool]) -> Option<f64> {
     before.sort_by(f64::total_cmp);
     let low = before[PROFILE / 4];
     let high = profile[PROFILE..].iter().copied().fold(f64::MIN, f64::max);
-    // Where the profile crosses a level, from the boundary upwards and downwards.
+    // Where the profile crosses 90 % at or below the boundary, and 10 % last before that.
     let level = |share: f64| low + share * (high - low);
     let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
-    let start = (0..PROFILE).rev().find(|&n| profile[n] <= level(0.1))?;
-    let end = (start..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;
+    let end = (PROFILE - 4..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;
+    let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
     Some(between(end, level(0.9)) - between(start, level(0.1)))
 }
