@@ -17,6 +17,7 @@ mod phantom;
 mod plan;
 mod puncture;
 mod quality;
+mod realism;
 mod render;
 mod scene;
 mod schema;
@@ -42,6 +43,7 @@ Examples:
   insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
+  insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
@@ -69,6 +71,7 @@ enum Command {
     Render(render::Render),
     Plan(plan::Plan),
     Inspect(inspect::Inspect),
+    Realism(realism::Realism),
     Bench(bench::Bench),
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
@@ -99,6 +102,7 @@ impl Cli {
             Command::Render(render) => render.run(),
             Command::Plan(plan) => plan.run(),
             Command::Inspect(inspect) => inspect.run(),
+            Command::Realism(realism) => realism.run(),
             Command::Bench(bench) => bench.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),

@@ -15,6 +15,11 @@ pub(crate) struct Kind {
     most: u64,
 }
 
+/// Pictures: 16 bits of RGBA of 4096 x 4096 pixels fit.
+pub(crate) const PNG: Kind = Kind {
+    name: "a PNG file",
+    most: 128 << 20,
+};
 /// Scenes, scenarios, problems: a list of a million numbers fits.
 pub(crate) const TOML: Kind = Kind {
     name: "a TOML file",

@@ -12,8 +12,10 @@
 //! | [`parity`] | whether backends agree, sample by sample |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`puncture`] | a needle goes into a slice of liver with a vein |
+//! | [`realism`] | frames against real frames: the same measures on both |
 //! | [`spread`] | medians and percentiles of times |
 //! | [`stability`] | hard cases, and whether they hold |
+//! | [`statistics`] | moments and correlations of samples |
 //! | [`step_costs`] | what a step of an insertion costs with each choice, for `quality` to pick from |
 //! | [`machine`] | what the CPU backend runs on |
 
@@ -28,8 +30,10 @@ pub(crate) mod page;
 pub mod parity;
 pub mod plot;
 pub mod puncture;
+pub mod realism;
 pub mod spread;
 pub mod stability;
+pub mod statistics;
 pub mod step_costs;
 #[cfg(test)]
 pub(crate) mod testing;

@@ -3,6 +3,11 @@
 
 use std::fmt::{Display, Write};
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
+
 /// Plots are drawn in dark lines without a background; where the page is dark their lightness is turned round and their hue kept.
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f23;--soft:#59636e;--paper:#fff;--card:#f5f7f9;--line:#d6dce2;--good:#00694a;--bad:#b3400a}\
@@ -206,6 +211,21 @@ fn unbroken(text: &str) -> String {
         }
     }
     escape(&joined)
+}
+
+/// An address that holds a picture (`data:`).
+///
+/// # Errors
+/// Those of the encoder.
+pub fn address(picture: &GrayImage) -> Result<String, ImageError> {
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive).write_image(
+        picture.as_raw(),
+        picture.width(),
+        picture.height(),
+        ExtendedColorType::L8,
+    )?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
 /// Text as it must stand in a document.

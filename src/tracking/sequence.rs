@@ -60,6 +60,9 @@ pub struct Sequence {
     pub frames: Vec<SequenceFrame>,
     /// Columns and rows of the images in orientation MF; none where the file has none.
     pub image_size: Option<[usize; 2]>,
+    /// Distance between columns and between rows in orientation MF, mm; none where the file has 1 x 1, which PLUS and this program
+    /// write whatever it is.
+    pub spacing_mm: Option<[f64; 2]>,
     /// How the file stores its images; none where it does not say.
     pub orientation: Option<Orientation>,
     /// What the images show in PLUS's terms, such as `BRIGHTNESS` or `RF_REAL`; none where the file does not say.
@@ -151,9 +154,19 @@ impl Sequence {
                 "the orientation of the images is given as {found:?}: taken as MF"
             ));
         }
+        let orientation_known = orientation.unwrap_or_default();
+        let steps: Vec<f64> = header
+            .axes
+            .iter()
+            .filter_map(|axis| axis.direction.map(|direction| direction.norm()))
+            .collect();
         Ok(Self {
             frames,
-            image_size: shown.then(|| orientation.unwrap_or_default().turned([width, height])),
+            spacing_mm: match steps[..] {
+                [x, y, ..] if shown && [x, y] != [1.0; 2] => Some(orientation_known.turned([x, y])),
+                _ => None,
+            },
+            image_size: shown.then(|| orientation_known.turned([width, height])),
             orientation,
             image_type: keys.image_type,
             missing,

@@ -19,6 +19,8 @@ pub enum At {
     Byte(u64),
     /// The voxels as a whole.
     Voxels,
+    /// The pixels of a picture.
+    Pixels,
     /// The files of a folder.
     Folder,
 }
@@ -30,6 +32,7 @@ impl fmt::Display for At {
             Self::Line(line) => write!(f, "line {line}"),
             Self::Byte(byte) => write!(f, "byte {byte}"),
             Self::Voxels => write!(f, "voxels"),
+            Self::Pixels => write!(f, "pixels"),
             Self::Folder => write!(f, "folder"),
         }
     }

@@ -17,6 +17,7 @@ mod mesh_make;
 mod meshes;
 mod outputs;
 mod quality;
+mod realism;
 mod reports;
 mod seeds;
 mod segmentations;

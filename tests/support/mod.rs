@@ -1,5 +1,9 @@
 //! What the test binaries share: small analytic anatomies, scene settings, a GPU or a visible skip, image comparison.
-#![allow(dead_code, reason = "each test binary uses its own part of what is shared")]
+#![allow(
+    dead_code,
+    unused_imports,
+    reason = "each test binary uses its own part of what is shared"
+)]
 
 pub use insonify::study::anatomies as anatomy;
 pub mod gpu;

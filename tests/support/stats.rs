@@ -1,27 +1,10 @@
 //! Statistics of fields and fits of orders.
 
-/// Mean.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// Standard deviation of a sample.
-pub fn std(values: &[f64]) -> f64 {
-    let middle = mean(values);
-    (values.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
-}
+pub use insonify::study::statistics::{correlation, mean, slope, std};
 
 /// Root mean square.
 pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
-}
-
-/// Correlation coefficient.
-pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let (ma, mb) = (mean(a), mean(b));
-    let product: f64 = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum();
-    let squares = |v: &[f64], m: f64| v.iter().map(|x| (x - m).powi(2)).sum::<f64>();
-    product / (squares(a, ma) * squares(b, mb)).sqrt()
 }
 
 /// Largest distance between the distribution of a sample and `cumulative` (Kolmogorov and Smirnov), times the root of its
@@ -46,19 +29,12 @@ pub fn kolmogorov_smirnov(mut sample: Vec<f64>, cumulative: impl Fn(f64) -> f64)
 pub fn order(steps: &[f64], errors: &[f64]) -> f64 {
     let x: Vec<f64> = steps.iter().map(|step| step.ln()).collect();
     let y: Vec<f64> = errors.iter().map(|error| error.ln()).collect();
-    let (mx, my) = (mean(&x), mean(&y));
-    let above: f64 = x.iter().zip(&y).map(|(a, b)| (a - mx) * (b - my)).sum();
-    above / x.iter().map(|a| (a - mx).powi(2)).sum::<f64>()
+    slope(&x, &y)
 }
 
-/// Full width at half maximum of a correlation that starts at 1 at distance 0, from its values at whole steps.
+/// Full width at half maximum of a correlation that falls below one half.
 pub fn full_width(correlations: &[f64], step: f64) -> f64 {
-    let after = correlations
-        .iter()
-        .position(|&c| c < 0.5)
-        .expect("a correlation that falls below one half");
-    let (high, low) = (correlations[after - 1], correlations[after]);
-    2.0 * step * (after as f64 - 1.0 + (high - 0.5) / (high - low))
+    insonify::study::statistics::full_width(correlations, step).expect("a correlation that falls below one half")
 }
 
 /// Where a correlation peaks between whole lags: the vertex of a parabola through the logarithms of the largest value and

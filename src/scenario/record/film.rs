@@ -1,10 +1,8 @@
 //! Small frames of a run for its page.
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError, imageops};
+use image::{GrayImage, ImageError, imageops};
 
+use crate::study::page;
 use crate::synth::Frame;
 
 /// Most frames of the slider.
@@ -109,14 +107,7 @@ impl Shot {
     /// # Errors
     /// Those of the encoder.
     pub fn address(&self) -> Result<String, ImageError> {
-        let mut png = Vec::new();
-        PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive).write_image(
-            self.picture.as_raw(),
-            self.picture.width(),
-            self.picture.height(),
-            ExtendedColorType::L8,
-        )?;
-        Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+        page::address(&self.picture)
     }
 }
 

@@ -33,8 +33,8 @@ impl Orientation {
         })
     }
 
-    /// Columns and rows after turning to MF.
-    pub(super) fn turned(self, [width, height]: [usize; 2]) -> [usize; 2] {
+    /// What columns and rows have, after turning to MF.
+    pub(super) fn turned<T>(self, [width, height]: [T; 2]) -> [T; 2] {
         if self.transposed {
             [height, width]
         } else {

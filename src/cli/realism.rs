@@ -1,0 +1,87 @@
+//! `insonify realism`: frames against real frames.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use insonify::study::realism::{compare, picture};
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::terminal;
+
+const TEACHING: &str = "\
+The same measures on both sides, each frame by itself: grain of the most uniform windows and of the darkest ones, grey levels of the
+sector, contact below the array, the far edge of a dark region, and of sequences the correlation from frame to frame. Everything is found
+from the frame alone: the sector is the largest region in which grey levels vary, without coloured overlays; of RGB files the luminance
+counts. Depth runs down the picture. Crop pictures with more than one sector.
+
+  difference  mean of the frames less that of the real ones, in standard deviations of the real ones
+  verdict     inside up to 2 standard deviations, else outside; none with a single real frame
+
+Millimetres come from the sidecar (`render --sidecar`) beside a PNG file and from sequences that state them; else from the options.
+Convert DICOM to PNG first.
+
+Examples:
+  insonify realism frame.png --against real/ --real-mm-per-pixel 0.3
+  insonify realism frames/ --against Prostate10_video.igs.mhd -o realism.html
+  insonify realism frame.png --against a.png b.png --json | jq '.measures[] | select(.verdict == \"outside\") | .name'
+
+docs/realism.md has what the frames of this program measure. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
+
+/// Measures frames against real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct Realism {
+    /// Frames: PNG files, folders of them, or image sequences (.mha, .mhd, .nrrd)
+    #[arg(value_name = "FRAMES", required = true)]
+    files: Vec<PathBuf>,
+    /// Real frames, of the same formats
+    #[arg(long, value_name = "REAL", required = true, num_args = 1..)]
+    against: Vec<PathBuf>,
+    /// How many evenly spaced frames to take of an image sequence
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(1..))]
+    frames: u16,
+    /// Side of a pixel of frames that do not state it
+    #[arg(long, value_name = "MM", value_parser = pixel)]
+    mm_per_pixel: Option<f64>,
+    /// Side of a pixel of real frames that do not state it
+    #[arg(long, value_name = "MM", value_parser = pixel)]
+    real_mm_per_pixel: Option<f64>,
+    /// Write a page with the table, plots and a picture of each side
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON, with every frame by itself
+    #[arg(long)]
+    json: bool,
+}
+
+impl Realism {
+    pub fn run(&self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            let inputs = [&self.files[..], &self.against].concat();
+            self.force.check_ending(output, "html", "pages", &inputs)?;
+        }
+        let read = |files, mm| picture::read(files, usize::from(self.frames), mm);
+        let frames = read(&self.files, self.mm_per_pixel)?;
+        let real = read(&self.against, self.real_mm_per_pixel)?;
+        let report = compare(&frames, &real)?;
+        if let Some(output) = &self.output {
+            output::text(output, &report.page(&frames, &real)?)?;
+        }
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            terminal::emit(&report.to_string())
+        }
+    }
+}
+
+/// The side of a pixel, mm.
+fn pixel(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(mm) if picture::PIXEL_MM.contains(&mm) => Ok(mm),
+        _ => Err("expected 0.001 to 10 mm".to_owned()),
+    }
+}

@@ -1,0 +1,368 @@
+//! Statistics of the grain in rectangles of grey levels: first order, second order, and by frequency.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{SMatrix, SVector};
+
+use super::picture::Picture;
+use super::sector::{BLACK, dark_limit};
+use crate::study::statistics::{full_width, mean, skewness, slope, std};
+
+/// Dynamic range that 255 grey levels are taken to show where echoes are asked for, dB: that of a real frame is unknown.
+pub const RANGE_DB: f64 = 60.0;
+/// Grey levels of the co-occurrence matrix, over 6 standard deviations about the mean.
+const LEVELS: f64 = 32.0;
+/// Frequencies over which slopes of power are fitted, cycles a pixel.
+const BAND: [f64; 2] = [0.04, 0.35];
+/// Rings of equal width that the band is cut into.
+const RINGS: usize = 11;
+/// Steps between the places at which windows are tried, pixels.
+const STEP: usize = 8;
+
+/// A rectangle of grey levels, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Patch {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, 0 to 255.
+    pub values: Vec<f64>,
+}
+
+/// Where a window lies: its first column and row, its columns and rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// First column.
+    pub x: usize,
+    /// First row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// What is measured of a window; pairs are axial (along columns), lateral (along rows).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grain {
+    /// Mean grey level.
+    pub mean: f64,
+    /// Standard deviation of the grey levels, a trend removed.
+    pub std: f64,
+    /// Skewness of the same.
+    pub skewness: f64,
+    /// Mean over standard deviation of grey levels.
+    pub snr_log: f64,
+    /// Mean over standard deviation of the echo amplitude at [`RANGE_DB`]; 1.91 in fully developed speckle.
+    pub snr_linear: f64,
+    /// Squared mean over variance of the echo intensity at [`RANGE_DB`]: Nakagami's m; 1 in fully developed speckle.
+    pub nakagami: f64,
+    /// Autocorrelation of grey levels at whole pixels, from 0.
+    pub autocorrelation: [Vec<f64>; 2],
+    /// Full width at half maximum of that, pixels.
+    pub fwhm: [Option<f64>; 2],
+    /// Contrast of the co-occurrence matrix of neighbours.
+    pub contrast: [f64; 2],
+    /// Correlation of the co-occurrence matrix of neighbours.
+    pub correlation: [f64; 2],
+    /// Slope of power over frequency, both logarithmic: axial, lateral, radial.
+    pub slopes: [f64; 3],
+}
+
+impl Patch {
+    /// A window of a frame, of the grey levels given.
+    pub fn of(grey: &[f64], width: usize, window: Window) -> Self {
+        let rows = (window.y..window.y + window.height).map(|y| &grey[y * width + window.x..][..window.width]);
+        Self {
+            width: window.width,
+            height: window.height,
+            values: rows.flatten().copied().collect(),
+        }
+    }
+
+    /// The patch less the quadratic surface nearest to it, its mean kept.
+    pub fn detrended(&self) -> Self {
+        let basis = |at: usize| {
+            let x = (at % self.width) as f64 / self.width as f64 - 0.5;
+            let y = (at / self.width) as f64 / self.height as f64 - 0.5;
+            SVector::<f64, 6>::from([1.0, x, y, x * y, x * x, y * y])
+        };
+        let mut normal = SMatrix::<f64, 6, 6>::zeros();
+        let mut right = SVector::<f64, 6>::zeros();
+        for (at, value) in self.values.iter().enumerate() {
+            let row = basis(at);
+            normal += row * row.transpose();
+            right += row * *value;
+        }
+        // A patch of fewer than three columns or rows has no such surface: its mean alone is taken off.
+        let surface = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
+        let rest: Vec<f64> = (0..self.values.len())
+            .map(|at| self.values[at] - surface.dot(&basis(at)))
+            .collect();
+        let shift = mean(&self.values) - mean(&rest);
+        Self {
+            values: rest.iter().map(|value| value + shift).collect(),
+            ..*self
+        }
+    }
+
+    /// Mean of the product of deviations so many columns and rows apart, over the variance.
+    pub fn autocorrelation(&self, [dx, dy]: [usize; 2]) -> f64 {
+        let middle = mean(&self.values);
+        let row = |y: usize| &self.values[y * self.width..][..self.width];
+        let products = (0..self.height - dy).flat_map(|y| {
+            let pairs = row(y).iter().zip(&row(y + dy)[dx..]);
+            pairs.map(|(a, b)| (a - middle) * (b - middle))
+        });
+        let count = (self.width - dx) * (self.height - dy);
+        let variance = self.values.iter().map(|a| (a - middle).powi(2)).sum::<f64>() / self.values.len() as f64;
+        products.sum::<f64>() / count as f64 / variance
+    }
+
+    /// Contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions on Systems, Man, and
+    /// Cybernetics 3 (1973) 610) of pixels so many columns and rows apart, in 32 levels over 6 standard deviations.
+    pub fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
+        let (middle, spread) = (mean(&self.values), std(&self.values));
+        let level = |at: usize| {
+            let level = (self.values[at] - middle) / spread * LEVELS / 6.0 + LEVELS / 2.0;
+            level.clamp(0.0, LEVELS - 1.0).floor()
+        };
+        let places = (0..self.height - dy).flat_map(|y| (0..self.width - dx).map(move |x| (x, y)));
+        let pairs: Vec<[f64; 2]> = places
+            .map(|(x, y)| [level(y * self.width + x), level((y + dy) * self.width + x + dx)])
+            .collect();
+        let over_pairs =
+            |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|[a, b]| of(*a, *b)).sum::<f64>() / pairs.len() as f64;
+        let centre = over_pairs(&|a, b| 0.5 * (a + b));
+        let variance = over_pairs(&|a, b| 0.5 * ((a - centre).powi(2) + (b - centre).powi(2)));
+        [
+            over_pairs(&|a, b| (a - b).powi(2)),
+            over_pairs(&|a, b| (a - centre) * (b - centre)) / variance,
+        ]
+    }
+
+    /// Slopes of the logarithm of power over that of frequency, axial, lateral and radial, under a Hann window.
+    pub fn power_slopes(&self) -> [f64; 3] {
+        let (width, height) = (self.width, self.height);
+        let middle = mean(&self.values);
+        let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();
+        let at = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
+        // Along rows, then along columns: sums of real and imaginary parts.
+        let turns =
+            |of: usize| -> Vec<(f64, f64)> { (0..of).map(|n| (TAU * n as f64 / of as f64).sin_cos()).collect() };
+        let (across, down) = (turns(width), turns(height));
+        let mut rows = vec![[0.0; 2]; width * height];
+        for y in 0..height {
+            for k in 0..width {
+                for x in 0..width {
+                    let (sine, cosine) = across[x * k % width];
+                    rows[y * width + k][0] += at(x, y) * cosine;
+                    rows[y * width + k][1] -= at(x, y) * sine;
+                }
+            }
+        }
+        let mut power = vec![0.0; width * height];
+        for k in 0..width {
+            for l in 0..height {
+                let mut sum = [0.0; 2];
+                for y in 0..height {
+                    let ((sine, cosine), [re, im]) = (down[y * l % height], rows[y * width + k]);
+                    sum[0] += re * cosine + im * sine;
+                    sum[1] += im * cosine - re * sine;
+                }
+                power[l * width + k] = sum[0] * sum[0] + sum[1] * sum[1];
+            }
+        }
+        let frequency = |n: usize, of: usize| n.min(of - n) as f64 / of as f64;
+        let inside = |f: f64| f > BAND[0] && f < BAND[1];
+        let fit = |points: Vec<[f64; 2]>| {
+            let log = |axis: usize| points.iter().map(|p| p[axis].log10()).collect::<Vec<f64>>();
+            slope(&log(0), &log(1))
+        };
+        let axial = (1..=height / 2).map(|l| [frequency(l, height), power[l * width..][..width].iter().sum()]);
+        let lateral = (1..=width / 2).map(|k| [frequency(k, width), power[k..].iter().step_by(width).sum()]);
+        let mut rings = vec![[0.0; 3]; RINGS];
+        for (at, power) in power.iter().enumerate() {
+            let f = frequency(at % width, width).hypot(frequency(at / width, height));
+            if (BAND[0]..BAND[1]).contains(&f) {
+                let ring = ((f - BAND[0]) / (BAND[1] - BAND[0]) * RINGS as f64) as usize;
+                let sums = [1.0, f, *power];
+                (0..3).for_each(|i| rings[ring.min(RINGS - 1)][i] += sums[i]);
+            }
+        }
+        let radial = rings
+            .iter()
+            .filter(|sums| sums[0] > 0.0)
+            .map(|sums| [sums[1] / sums[0], sums[2] / sums[0]]);
+        [
+            fit(axial.filter(|p| inside(p[0])).collect()),
+            fit(lateral.filter(|p| inside(p[0])).collect()),
+            fit(radial.collect()),
+        ]
+    }
+
+    /// Everything that is measured of a window.
+    pub fn grain(&self) -> Grain {
+        let even = self.detrended();
+        let (middle, spread) = (mean(&even.values), std(&even.values));
+        let amplitude: Vec<f64> = even
+            .values
+            .iter()
+            .map(|grey| 10f64.powf(grey / 255.0 * RANGE_DB / 20.0))
+            .collect();
+        let intensity: Vec<f64> = amplitude.iter().map(|a| a * a).collect();
+        let autocorrelation = [
+            (0..self.height)
+                .map(|lag| even.autocorrelation([0, lag]))
+                .collect::<Vec<f64>>(),
+            (0..self.width).map(|lag| even.autocorrelation([lag, 0])).collect(),
+        ];
+        let [axial, lateral] = [self.co_occurrence([0, 1]), self.co_occurrence([1, 0])];
+        Grain {
+            mean: middle,
+            std: spread,
+            skewness: skewness(&even.values),
+            snr_log: middle / spread,
+            snr_linear: mean(&amplitude) / std(&amplitude),
+            nakagami: (mean(&intensity) / std(&intensity)).powi(2),
+            fwhm: [0, 1].map(|axis| full_width(&autocorrelation[axis], 1.0)),
+            autocorrelation,
+            contrast: [axial[0], lateral[0]],
+            correlation: [axial[1], lateral[1]],
+            slopes: even.power_slopes(),
+        }
+    }
+
+    /// Standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth removed, dB at [`RANGE_DB`].
+    pub fn block_spread_db(&self, across: usize) -> f64 {
+        let block = |column: usize, row: usize| {
+            let [x, y] = [column * self.width / across, row * self.height / across];
+            let window = Window {
+                x,
+                y,
+                width: (column + 1) * self.width / across - x,
+                height: (row + 1) * self.height / across - y,
+            };
+            mean(&Patch::of(&self.values, self.width, window).values) * RANGE_DB / 255.0
+        };
+        let places = || (0..across).flat_map(|row| (0..across).map(move |column| (column, row)));
+        let means: Vec<f64> = places().map(|(column, row)| block(column, row)).collect();
+        let depth: Vec<f64> = places().map(|(_, row)| row as f64).collect();
+        let trend = slope(&depth, &means);
+        std(&means
+            .iter()
+            .zip(&depth)
+            .map(|(mean, depth)| mean - trend * depth)
+            .collect::<Vec<f64>>())
+    }
+}
+
+/// Sums over rectangles, from the sums over all that lies above and to the left.
+struct Sums(Vec<f64>, usize);
+
+impl Sums {
+    fn of(width: usize, height: usize, value: impl Fn(usize) -> f64) -> Self {
+        let stride = width + 1;
+        let mut sums = vec![0.0; stride * (height + 1)];
+        for y in 0..height {
+            let mut row = 0.0;
+            for x in 0..width {
+                row += value(y * width + x);
+                sums[(y + 1) * stride + x + 1] = sums[y * stride + x + 1] + row;
+            }
+        }
+        Self(sums, stride)
+    }
+
+    fn mean(&self, Window { x, y, width, height }: Window) -> f64 {
+        let at = |x: usize, y: usize| self.0[y * self.1 + x];
+        let sum = at(x + width, y + height) - at(x, y + height) - at(x + width, y) + at(x, y);
+        sum / (width * height) as f64
+    }
+}
+
+/// What windows are chosen by.
+struct Looked {
+    window: Window,
+    mean: f64,
+    std: f64,
+    /// Largest differences between the means of its quarters, and between their standard deviations.
+    uneven: [f64; 2],
+    black: f64,
+    white: f64,
+}
+
+/// All windows of a size that lie in the sector, every 8 pixels.
+fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<Looked> {
+    let sums = |value: &dyn Fn(usize) -> f64| Sums::of(picture.width, picture.height, value);
+    let grey = |at: usize| picture.grey[at];
+    let inside = sums(&|at| f64::from(u8::from(mask[at])));
+    let first = sums(&grey);
+    let second = sums(&|at| grey(at).powi(2));
+    let black = sums(&|at| f64::from(u8::from(grey(at) <= BLACK)));
+    let white = sums(&|at| f64::from(u8::from(grey(at) >= 254.0)));
+    let places = |size: usize, all: usize| (0..all.saturating_sub(size)).step_by(STEP);
+    let windows = places(height, picture.height)
+        .flat_map(|y| places(width, picture.width).map(move |x| Window { x, y, width, height }));
+    windows
+        // Sums of zeros and ones are exact.
+        .filter(|&window| inside.mean(window) == 1.0)
+        .map(|window| {
+            let moments = |window: Window| {
+                let mean = first.mean(window);
+                [mean, (second.mean(window) - mean * mean).max(0.0).sqrt()]
+            };
+            let (width, height) = (width / 2, height / 2);
+            let quarters = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, down)| {
+                let x = window.x + right * width;
+                let y = window.y + down * height;
+                moments(Window { x, y, width, height })
+            });
+            let extreme = |of: fn(f64, f64) -> f64, moment: usize| quarters.map(|it| it[moment]).into_iter().reduce(of);
+            let range = |moment| Some(extreme(f64::max, moment)? - extreme(f64::min, moment)?);
+            let [mean, std] = moments(window);
+            Looked {
+                window,
+                mean,
+                std,
+                uneven: [0, 1].map(|moment| range(moment).unwrap_or(0.0)),
+                black: black.mean(window),
+                white: white.mean(window),
+            }
+        })
+        .collect()
+}
+
+/// The first of some windows, in ascending order of what they are chosen by, that lie apart.
+fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Window, Window) -> bool) -> Vec<Window> {
+    windows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut chosen: Vec<Window> = Vec::new();
+    for (_, window) in windows {
+        if chosen.len() < most && chosen.iter().all(|&other| apart(window, other)) {
+            chosen.push(window);
+        }
+    }
+    chosen
+}
+
+/// The most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both added up and
+/// relative to the mean; of mean grey 45 to 200, at most 2 % of them black or white, half a window apart.
+pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
+    let fits = |it: &Looked| (45.0..=200.0).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
+    let windows = looked(picture, mask, size).into_iter().filter(fits);
+    let apart = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
+    let chosen_by = |it: Looked| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
+    first_apart(windows.map(chosen_by).collect(), most, apart)
+}
+
+/// The darkest windows of a size in the sector that show grain: of a mean below half that of the sector, a standard deviation of a grey
+/// level at least, at most half of them black, and the unevenness of [`uniform_windows`] at most 1; they do not overlap.
+pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
+    let limit = dark_limit(picture, mask);
+    let fits =
+        |it: &Looked| it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean;
+    let windows = looked(picture, mask, size).into_iter().filter(fits);
+    let apart = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
+    first_apart(windows.map(|it| (it.mean, it.window)).collect(), most, apart)
+}

@@ -1,0 +1,200 @@
+//! Frames from files: PNG, folders of PNG, and image sequences.
+
+use std::fs;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use image::{ImageFormat, ImageReader, Limits};
+
+use crate::output::sidecar::Sidecar;
+use crate::read;
+use crate::synth::layers::Layer;
+use crate::tracking::sequence::Sequence;
+use crate::volume::{At, VolumeError};
+
+/// Least difference between the channels of a pixel that make it a coloured overlay: grey maps of scanners are tinted by less.
+const COLOURED: u8 = 40;
+/// Sides of pixels that are believed, mm.
+pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
+/// Most columns and rows of a PNG file.
+const LARGEST: u32 = 8192;
+
+/// A frame: luminance (Rec. 709) row by row, rows along depth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// The file, and of a sequence which frame.
+    pub name: String,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, 0 to 255.
+    pub grey: Vec<f64>,
+    /// Which pixels are coloured: text, rulers, colour Doppler. Empty where none is.
+    pub overlay: Vec<bool>,
+    /// Distance between columns and between rows, mm; none where nothing states it.
+    pub mm: Option<[f64; 2]>,
+    /// Grey levels of a neighbouring frame of the sequence: the next, or of the last the one before.
+    pub neighbour: Option<Vec<f64>>,
+}
+
+/// Reads frames: PNG files, folders of them (without the layers that this program writes beside its frames), and image sequences, of
+/// which up to `per_sequence` evenly spaced frames are taken. The pixel size is that of the sidecar beside a PNG file, or of the sequence:
+/// its spacing, or the scale of its transform from `Image`; else `mm_per_pixel`.
+///
+/// # Errors
+/// [`VolumeError`] with the file, what was found and what was expected.
+pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -> Result<Vec<Picture>, VolumeError> {
+    let mut pictures = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            for file in folder(path)? {
+                pictures.push(png(&file)?);
+            }
+        } else if has_ending(path, "png") {
+            pictures.push(png(path)?);
+        } else {
+            pictures.extend(sequence(path, per_sequence)?);
+        }
+    }
+    for picture in &mut pictures {
+        let stated = picture.mm.filter(|mm| mm.iter().all(|mm| PIXEL_MM.contains(mm)));
+        picture.mm = stated.or(mm_per_pixel.map(|mm| [mm; 2]));
+    }
+    Ok(pictures)
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
+}
+
+/// PNG files of a folder by name, but for layers and overviews.
+fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
+    let fail = |cause| VolumeError::read(path, cause);
+    let beside: Vec<String> = Layer::value_variants()
+        .iter()
+        .map(|layer| format!("_{}", layer.name()))
+        .chain(["_overview".to_owned()])
+        .collect();
+    let mut files = Vec::new();
+    for entry in fs::read_dir(path).map_err(fail)? {
+        let file = entry.map_err(fail)?.path();
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        if has_ending(&file, "png") && !beside.iter().any(|suffix| stem.ends_with(suffix)) {
+            files.push(file);
+        }
+    }
+    files.sort();
+    if files.is_empty() {
+        return Err(VolumeError::malformed(
+            path,
+            At::Folder,
+            "no PNG file",
+            "frames as .png files",
+        ));
+    }
+    Ok(files)
+}
+
+fn png(path: &Path) -> Result<Picture, VolumeError> {
+    let bytes = read::whole(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+    let mut limits = Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST), Some(LARGEST));
+    reader.limits(limits);
+    let image = reader
+        .decode()
+        .map_err(|cause| VolumeError::malformed(path, At::Pixels, cause.to_string(), "a PNG file, grey or RGB"))?;
+    let mut overlay = Vec::new();
+    if image.color().has_color() {
+        let spread = |pixel: &image::Rgb<u8>| {
+            let [r, g, b] = pixel.0;
+            r.max(g).max(b) - r.min(g).min(b)
+        };
+        overlay = image
+            .to_rgb8()
+            .pixels()
+            .map(|pixel| spread(pixel) >= COLOURED)
+            .collect();
+    }
+    Ok(Picture {
+        name: path.display().to_string(),
+        width: image.width() as usize,
+        height: image.height() as usize,
+        grey: image.into_luma8().iter().map(|&grey| f64::from(grey)).collect(),
+        overlay,
+        mm: pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]),
+        neighbour: None,
+    })
+}
+
+/// The pixel size in a sidecar, mm; none where there is none.
+fn pixel_mm(sidecar: &Path) -> Option<f64> {
+    let text = read::text(sidecar, read::TOML).ok()?;
+    let known: serde_json::Value = serde_json::from_str(&text).ok()?;
+    known["image"]["pixel_mm"].as_f64()
+}
+
+/// Evenly spaced frames of a sequence.
+fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+    let expected = "frames as .png files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
+    if is_dicom(path) {
+        let convert = format!("{expected}: convert its frames to PNG, for example with dcmj2pnm of DCMTK");
+        return Err(VolumeError::malformed(path, At::Header, "a DICOM file", convert));
+    }
+    let sequence = Sequence::read(path)?;
+    if let Some(kind) = sequence.image_type.as_ref().filter(|kind| *kind != "BRIGHTNESS") {
+        let found = format!("images of type {kind}");
+        return Err(VolumeError::malformed(
+            path,
+            At::Header,
+            found,
+            "images of type BRIGHTNESS",
+        ));
+    }
+    let shown: Vec<usize> = (0..sequence.frames.len())
+        .filter(|&at| sequence.image(at).is_some())
+        .collect();
+    if shown.is_empty() {
+        return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
+    }
+    let count = most.clamp(1, shown.len());
+    let chosen = (0..count).map(|n| shown[n * (shown.len() - 1) / (count - 1).max(1)]);
+    let grey = |at: usize| -> Option<Vec<f64>> {
+        let image = sequence.image(at)?;
+        Some(image.pixels.iter().map(|&grey| f64::from(grey)).collect())
+    };
+    let pictures = chosen.filter_map(|at| {
+        let [width, height] = sequence.image_size?;
+        Some(Picture {
+            name: format!("{}, frame {at}", path.display()),
+            width,
+            height,
+            grey: grey(at)?,
+            overlay: Vec::new(),
+            mm: sequence.spacing_mm.or_else(|| scale(&sequence, at)),
+            neighbour: grey(at + 1).or_else(|| grey(at.checked_sub(1)?)),
+        })
+    });
+    Ok(pictures.collect())
+}
+
+/// The scale of a frame's transform from pixels to millimetres; none where there is none, or it is 1 as of an unknown size.
+fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
+    let transforms = sequence.frames.get(frame)?.transforms.iter();
+    let from_pixels =
+        |name: &str| (name.starts_with("ImageTo") || name.starts_with("CroppedImageTo")) && !name.ends_with("Image");
+    let known = transforms.filter(|(name, transform)| transform.valid && from_pixels(name));
+    known
+        .map(|(_, transform)| [0, 1].map(|axis| transform.matrix.fixed_view::<3, 1>(0, axis).norm()))
+        .find(|mm| *mm != [1.0; 2])
+}
+
+/// Whether a file begins as DICOM files do (DICOM PS3.10, 7.1: 128 bytes, then `DICM`), or is named as one.
+fn is_dicom(path: &Path) -> bool {
+    use std::io::Read;
+    let mut start = [0; 132];
+    let whole = read::open(path).and_then(|mut file| file.read_exact(&mut start));
+    has_ending(path, "dcm") || whole.is_ok() && start[128..] == *b"DICM"
+}

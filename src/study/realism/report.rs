@@ -1,0 +1,246 @@
+//! The comparison as text and as a page.
+
+use std::fmt;
+
+use image::{GrayImage, imageops};
+
+use super::picture::Picture;
+use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
+use crate::study::page::{Cell, Page, address, escape};
+use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
+use crate::text;
+
+/// Largest width of the pictures of a page, pixels.
+const WIDE: u32 = 480;
+
+impl Row {
+    /// Name with its unit, both sides, difference and verdict.
+    fn words(&self) -> [String; 5] {
+        let name = match self.measure.unit {
+            "" => self.measure.name.to_owned(),
+            unit => format!("{}, {unit}", self.measure.name),
+        };
+        let side = |figure: &Option<super::Figure>| match figure {
+            None => "-".to_owned(),
+            Some(figure) => match figure.spread {
+                None => number(figure.mean),
+                Some(spread) => format!("{} +- {}", number(figure.mean), number(spread)),
+            },
+        };
+        let difference = self.difference.map_or("-".to_owned(), |d| format!("{d:+.1}"));
+        let verdict = self.verdict.map_or("-", Verdict::word);
+        [
+            name,
+            side(&self.frames),
+            side(&self.real),
+            difference,
+            verdict.to_owned(),
+        ]
+    }
+}
+
+impl Verdict {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Inside => "inside",
+            Self::Outside => "outside",
+        }
+    }
+}
+
+/// Three significant digits or so.
+fn number(value: f64) -> String {
+    let digits = match value.abs() {
+        100.0.. => 0,
+        10.0.. => 1,
+        1.0.. => 2,
+        _ => 3,
+    };
+    format!("{value:.digits$}")
+}
+
+impl Report {
+    /// How many measures are inside and outside, and how that is told.
+    fn summary(&self) -> String {
+        let count = |verdict| self.measures.iter().filter(|row| row.verdict == Some(verdict)).count();
+        let (inside, outside) = (count(Verdict::Inside), count(Verdict::Outside));
+        format!(
+            "{inside} of {} measures lie within {LIMIT} standard deviations of the real frames ({} frames against {})",
+            inside + outside,
+            self.frames.len(),
+            self.real.len()
+        )
+    }
+
+    /// The report as one HTML document that asks for nothing from elsewhere, with a picture of each side.
+    ///
+    /// # Errors
+    /// [`PlotError`].
+    pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, PlotError> {
+        let mut page = Page::new("Frames against real frames");
+        page.paragraph("", &(self.summary() + "."));
+        for note in &self.notes {
+            page.paragraph("warning", &(note.clone() + "."));
+        }
+        page.put("<div class=\"figures\">");
+        for (side, pictures) in [("frames", frames), ("real frames", real)] {
+            let first = pictures.first();
+            if let Some((picture, address)) = first.and_then(|it| Some((it, address(&small(it)?).ok()?))) {
+                page.picture(&address, &format!("{side}: {}", named(&picture.name)));
+            }
+        }
+        page.put("</div>");
+        page.paragraph(
+            "soft",
+            "Mean and standard deviation over the frames. A difference is that of the means in standard deviations of the real frames; a \
+             deviation below the floor of a measure counts as the floor.",
+        );
+        let headings = [
+            Cell::Text("measure".to_owned()),
+            Cell::Number("frames".to_owned()),
+            Cell::Number("real frames".to_owned()),
+            Cell::Number("difference".to_owned()),
+            Cell::Number("floor".to_owned()),
+            Cell::Text(String::new()),
+        ];
+        let rows = self.measures.iter().map(|row| {
+            let [name, ours, real, difference, verdict] = row.words();
+            let tag = match row.verdict {
+                Some(Verdict::Inside) => vec![("good", verdict)],
+                Some(Verdict::Outside) => vec![("bad", verdict)],
+                None => Vec::new(),
+            };
+            let floor = row.measure.floor.to_string();
+            let mut cells = vec![Cell::Pair(name, row.measure.definition.to_owned())];
+            cells.extend([ours, real, difference, floor].map(Cell::Number));
+            cells.push(Cell::Tags(tag));
+            ("", cells)
+        });
+        page.stacked(&headings, &rows.collect::<Vec<_>>());
+        page.put("<div class=\"figures\">");
+        for plot in self.plots() {
+            page.figure(&plot.svg_for_page()?, &plot.title);
+        }
+        page.put("</div>");
+        for (side, frames) in [("Frames", &self.frames), ("Real frames", &self.real)] {
+            page.put(format_args!("<h2>{side}</h2><ul>"));
+            for frame in frames {
+                let size = frame
+                    .mm_per_pixel
+                    .map_or("size of pixels unknown".to_owned(), |[axial, lateral]| {
+                        format!("{} x {} mm a pixel", number(lateral), number(axial))
+                    });
+                page.put(format_args!("<li>{}: {size}</li>", escape(&named(&frame.name))));
+            }
+            page.put("</ul>");
+        }
+        Ok(page.finish())
+    }
+
+    /// Histogram and autocorrelations, a line each frame.
+    fn plots(&self) -> [Plot; 3] {
+        let all = || self.frames.iter().chain(&self.real);
+        let scaled = all().all(|frame| frame.mm_per_pixel.is_some());
+        let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&FrameReport) -> Vec<[f64; 2]>| {
+            let side = |name: &'static str, colour: usize, frames: &[FrameReport]| -> Vec<Series> {
+                let line = |frame: &FrameReport| Series {
+                    name: name.to_owned(),
+                    points: points(frame),
+                    joined: true,
+                    marker: Marker::None,
+                    colour,
+                };
+                frames.iter().map(line).collect()
+            };
+            Plot {
+                title: title.to_owned(),
+                x: Axis::linear(x),
+                y: Axis::linear(y),
+                series: [side("real frames", 1, &self.real), side("frames", 0, &self.frames)].concat(),
+                markers: Vec::new(),
+                front: Vec::new(),
+            }
+        };
+        let lag = if scaled { "lag, mm" } else { "lag, pixels" };
+        let lags = |axis: usize| {
+            move |frame: &FrameReport| {
+                let step = frame.mm_per_pixel.filter(|_| scaled).map_or(1.0, |mm| mm[axis]);
+                let values = [&frame.autocorrelation_axial, &frame.autocorrelation_lateral][axis];
+                values
+                    .iter()
+                    .enumerate()
+                    .map(|(lag, value)| [lag as f64 * step, *value])
+                    .collect()
+            }
+        };
+        let classes = |frame: &FrameReport| {
+            let middle = |class: usize| ((class * CLASS) as f64) + 0.5 * (CLASS as f64 - 1.0);
+            frame
+                .histogram
+                .iter()
+                .enumerate()
+                .map(|(class, share)| [middle(class), *share])
+                .collect()
+        };
+        [
+            plot(
+                "Grey levels of the sector",
+                ["grey level", "share in 4 grey levels"],
+                &classes,
+            ),
+            plot(
+                "Autocorrelation along depth in uniform windows",
+                [lag, "autocorrelation"],
+                &lags(0),
+            ),
+            plot(
+                "Autocorrelation across in uniform windows",
+                [lag, "autocorrelation"],
+                &lags(1),
+            ),
+        ]
+    }
+}
+
+/// A name from a file, on one line.
+fn named(name: &str) -> String {
+    text::tail(name, 2 * text::WIDEST_NAME)
+}
+
+/// A frame made small; none where its pixels do not fill it.
+fn small(picture: &Picture) -> Option<GrayImage> {
+    let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
+    let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
+    let whole = GrayImage::from_raw(width, height, pixels)?;
+    Some(match width > WIDE {
+        true => imageops::thumbnail(&whole, WIDE, (height * WIDE / width).max(1)),
+        false => whole,
+    })
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (side, frames) in [("frames", &self.frames), ("real frames", &self.real)] {
+            let names: Vec<String> = frames
+                .iter()
+                .map(|frame| text::tail(&frame.name, text::WIDEST_NAME))
+                .collect();
+            writeln!(f, "{side}: {}", text::some_of(&names))?;
+        }
+        let rows: Vec<[String; 5]> = self.measures.iter().map(Row::words).collect();
+        let names = text::column("measure", rows.iter().map(|row| row[0].as_str()));
+        let row = |f: &mut fmt::Formatter<'_>, name: &str, [ours, real, difference, verdict]: [&str; 4]| {
+            writeln!(f, "{name}  {ours:>16}  {real:>16}  {difference:>10}  {verdict}")
+        };
+        writeln!(f)?;
+        row(f, &names[0], ["frames", "real frames", "difference", "verdict"])?;
+        for (name, [_, ours, real, difference, verdict]) in names[1..].iter().zip(&rows) {
+            row(f, name, [ours, real, difference, verdict])?;
+        }
+        writeln!(f, "\n{}", self.summary())?;
+        for note in &self.notes {
+            writeln!(f, "note: {note}")?;
+        }
+        Ok(())
+    }
+}

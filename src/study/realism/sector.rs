@@ -1,0 +1,275 @@
+//! The part of a frame that shows echoes, found from the frame alone, and the face of the array at its top.
+
+use super::picture::Picture;
+
+/// Half the side of the square in which grey levels must differ for its middle to be part of the sector, pixels.
+const REACH: usize = 2;
+/// Grey levels by which they must differ: more than a compressed constant area does.
+const RANGE: f64 = 2.0;
+/// Grey level up to which a pixel counts as black.
+pub const BLACK: f64 = 2.0;
+/// Columns from which the outline of the array is guessed.
+const GUESSED: usize = 40;
+/// Distance from the outline within which a column agrees with it, pixels.
+const AGREES: f64 = 1.5;
+/// Curvature up to which an outline is taken for straight, in pixels: a radius of 1000 pixels.
+const STRAIGHT: f64 = 5e-4;
+/// Steepest outline of an array at the middle of the sector.
+const STEEPEST: f64 = 0.25;
+
+/// Which pixels lie in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x 5 pixels, without
+/// coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant fill and detached text are outside; so is
+/// a part of the sector that is constant and reaches its rim. None where nothing varies.
+pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
+    let size = [picture.width, picture.height];
+    let low = spread(&spread(&picture.grey, size, 1, f64::min), size, picture.width, f64::min);
+    let high = spread(&spread(&picture.grey, size, 1, f64::max), size, picture.width, f64::max);
+    let mut live: Vec<bool> = low.iter().zip(&high).map(|(low, high)| high - low > RANGE).collect();
+    for (live, coloured) in live.iter_mut().zip(&picture.overlay) {
+        *live &= !coloured;
+    }
+    let regions = regions(&live, picture.width);
+    let largest = regions.into_iter().max_by_key(Vec::len)?;
+    let mut mask = vec![false; live.len()];
+    largest.iter().for_each(|&at| mask[at] = true);
+    // What the rim of the picture cannot be reached from is a hole.
+    let outside: Vec<bool> = mask.iter().map(|inside| !inside).collect();
+    for hole in self::regions(&outside, picture.width) {
+        let at_rim = |&at: &usize| {
+            let (x, y) = (at % size[0], at / size[0]);
+            x == 0 || y == 0 || x + 1 == size[0] || y + 1 == size[1]
+        };
+        if !hole.iter().any(at_rim) {
+            hole.iter().for_each(|&at| mask[at] = true);
+        }
+    }
+    let both = |a, b| a && b;
+    Some(spread(&spread(&mask, size, 1, both), size, size[0], both))
+}
+
+/// Each value folded with those within [`REACH`] along an axis (`stride` 1: rows; width: columns).
+fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fold: impl Fn(T, T) -> T) -> Vec<T> {
+    let of = |at: usize| {
+        let (place, length) = if stride == 1 {
+            (at % width, width)
+        } else {
+            (at / width, height)
+        };
+        let (first, last) = (place.saturating_sub(REACH), (place + REACH).min(length - 1));
+        let start = at - place * stride;
+        (first..=last)
+            .map(|place| values[start + place * stride])
+            .fold(values[at], &fold)
+    };
+    (0..values.len()).map(of).collect()
+}
+
+/// The 4-connected regions of what is set, each as the places of its pixels.
+pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
+    let mut left = set.to_vec();
+    let mut regions = Vec::new();
+    for start in 0..set.len() {
+        if !std::mem::take(&mut left[start]) {
+            continue;
+        }
+        let mut region = vec![start];
+        let mut next = 0;
+        while let Some(&at) = region.get(next) {
+            next += 1;
+            let x = at % width;
+            let neighbours = [
+                (x > 0).then(|| at - 1),
+                (x + 1 < width).then_some(at + 1),
+                at.checked_sub(width),
+                (at + width < set.len()).then_some(at + width),
+            ];
+            for neighbour in neighbours.into_iter().flatten() {
+                if std::mem::take(&mut left[neighbour]) {
+                    region.push(neighbour);
+                }
+            }
+        }
+        regions.push(region);
+    }
+    regions
+}
+
+/// Share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or the arc that
+/// bulges downwards, that most upper ends of the sector's columns lie on; only lines across it that meet the sector further down count.
+/// None where no outline fits a fifth of the columns.
+pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
+    let (width, mm) = (picture.width, picture.mm?);
+    let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
+    let top = |x: usize| column(x).position(|at| mask[at]);
+    let ends: Vec<[f64; 2]> = (0..width).filter_map(|x| Some([x as f64, top(x)? as f64])).collect();
+    let outline = Outline::of(&ends)?;
+    let rows = (0..picture.height)
+        .filter(|y| mask[y * width..][..width].contains(&true))
+        .count() as f64;
+    let (mut empty, mut all) = (0usize, 0usize);
+    for [x, _] in &ends {
+        let Some([y, slope]) = outline.at(*x) else {
+            continue;
+        };
+        let length = slope.hypot(1.0);
+        let [dx, dy] = [-slope / length, 1.0 / length];
+        let at = |along: f64| {
+            let (x, y) = ((x + along * dx).round(), (y + along * dy).round());
+            let inside = x >= 0.0 && y >= 0.0 && x < width as f64 && y < picture.height as f64;
+            inside.then_some(y as usize * width + x as usize).filter(|&at| mask[at])
+        };
+        let deeper = (1..=40).filter(|n| at(rows * (0.15 + 0.15 * f64::from(*n) / 40.0)).is_some());
+        if deeper.count() < 36 {
+            continue;
+        }
+        let step_mm = (dx * mm[0]).hypot(dy * mm[1]);
+        for n in 0..((depth_mm / step_mm) as usize).min(picture.height) {
+            all += 1;
+            empty += usize::from(at(n as f64 + 0.5).is_none_or(|at| picture.grey[at] <= BLACK));
+        }
+    }
+    (all > 0).then(|| empty as f64 / all as f64)
+}
+
+/// The lower side of a circle, or a straight line.
+#[derive(Clone, Copy)]
+enum Outline {
+    Arc { centre: [f64; 2], radius: f64 },
+    Line { through: [f64; 2], slope: f64 },
+}
+
+impl Outline {
+    /// The outline through three points from left to right; none where it bulges upwards.
+    fn through([a, b, c]: [[f64; 2]; 3]) -> Option<Self> {
+        let slope = (c[1] - a[1]) / (c[0] - a[0]);
+        let curvature = ((c[1] - b[1]) / (c[0] - b[0]) - (b[1] - a[1]) / (b[0] - a[0])) / (c[0] - a[0]);
+        if curvature.abs() <= STRAIGHT {
+            return Some(Self::Line { through: a, slope });
+        }
+        let square = |p: [f64; 2]| p[0] * p[0] + p[1] * p[1];
+        let area = 2.0 * (a[0] * (b[1] - c[1]) + b[0] * (c[1] - a[1]) + c[0] * (a[1] - b[1]));
+        let centre = [
+            (square(a) * (b[1] - c[1]) + square(b) * (c[1] - a[1]) + square(c) * (a[1] - b[1])) / area,
+            (square(a) * (c[0] - b[0]) + square(b) * (a[0] - c[0]) + square(c) * (b[0] - a[0])) / area,
+        ];
+        let radius = (a[0] - centre[0]).hypot(a[1] - centre[1]);
+        // Written so that repeated points, which give no number, are left out.
+        (curvature < 0.0 && radius.is_finite()).then_some(Self::Arc { centre, radius })
+    }
+
+    /// Height and slope at a column; none beside an arc.
+    fn at(self, x: f64) -> Option<[f64; 2]> {
+        match self {
+            Self::Line { through, slope } => Some([through[1] + slope * (x - through[0]), slope]),
+            Self::Arc { centre, radius } => {
+                let across = x - centre[0];
+                let down = (radius * radius - across * across).sqrt();
+                (down > 0.0).then(|| [centre[1] + down, -across / down])
+            }
+        }
+    }
+
+    /// The outline that most points, at least a fifth of them, lie on.
+    fn of(points: &[[f64; 2]]) -> Option<Self> {
+        let last = points.len().checked_sub(1)?;
+        let chosen: Vec<[f64; 2]> = (0..GUESSED).map(|n| points[n * last / (GUESSED - 1)]).collect();
+        let middle = 0.5 * (points[0][0] + points[last][0]);
+        let mut best = (points.len() as f64 / 5.0, None);
+        for (i, &a) in chosen.iter().enumerate() {
+            for (j, &b) in chosen.iter().enumerate().skip(i + 1) {
+                for &c in &chosen[j + 1..] {
+                    let outline = Self::through([a, b, c]);
+                    let level = |it: &Self| it.at(middle).is_some_and(|[_, slope]| slope.abs() <= STEEPEST);
+                    let Some(outline) = outline.filter(level) else {
+                        continue;
+                    };
+                    let agreement = |p: &[f64; 2]| {
+                        let off = outline.at(p[0]).map_or(AGREES, |[y, _]| y - p[1]);
+                        (1.0 - (off / AGREES).powi(2)).max(0.0)
+                    };
+                    let agree: f64 = points.iter().map(agreement).sum();
+                    if agree > best.0 {
+                        best = (agree, Some(outline));
+                    }
+                }
+            }
+        }
+        best.1
+    }
+}
+
+/// Mean grey level below which parts of a sector are dark: half its own.
+pub(super) fn dark_limit(picture: &Picture, mask: &[bool]) -> f64 {
+    let inside = || {
+        mask.iter()
+            .zip(&picture.grey)
+            .filter(|(inside, _)| **inside)
+            .map(|(_, grey)| *grey)
+    };
+    0.5 * inside().sum::<f64>() / inside().count() as f64
+}
+
+/// Columns in which a boundary must be found for its width to be told.
+const COLUMNS: usize = 16;
+/// Pixels on either side of a boundary that its profile reaches.
+const PROFILE: usize = 12;
+
+/// Distance along the columns over which the mean profile across the far boundary of the dark region with the longest one rises from 10 % to
+/// 90 %, pixels. Dark is below half the sector's mean after a mean over 3 x 3 pixels; beyond the boundary it must be 1.5 times as bright.
+/// None where no boundary goes through 16 columns.
+pub fn edge_width(picture: &Picture, mask: &[bool]) -> Option<f64> {
+    let (width, height) = (picture.width, picture.height);
+    let limit = dark_limit(picture, mask);
+    let smooth = |at: usize| -> f64 {
+        let rows = [at - width, at, at + width];
+        rows.iter()
+            .map(|at| picture.grey[at - 1..=at + 1].iter().sum::<f64>())
+            .sum::<f64>()
+            / 9.0
+    };
+    let within = |at: usize| {
+        let (x, y) = (at % width, at / width);
+        mask[at] && x > 0 && y > 0 && x + 1 < width && y + 1 < height
+    };
+    let dark: Vec<bool> = (0..mask.len()).map(|at| within(at) && smooth(at) < limit).collect();
+    let boundary = |region: &Vec<usize>| -> Vec<usize> {
+        let mut lowest = std::collections::BTreeMap::new();
+        for &at in region {
+            let row = lowest.entry(at % width).or_insert(at);
+            *row = at.max(*row);
+        }
+        let clear = |&at: &usize| {
+            let (above, below) = (at.checked_sub(PROFILE * width), at + PROFILE * width);
+            let Some(above) = above.filter(|_| below < mask.len()) else {
+                return false;
+            };
+            let mean = |from: usize| (0..5).map(|n| smooth(from + n * width)).sum::<f64>() / 5.0;
+            (above..=below).step_by(width).all(within)
+                && mean(at - 4 * width) < limit
+                && mean(at + 2 * width) > 1.5 * limit
+        };
+        lowest.into_values().filter(clear).collect()
+    };
+    let longest = regions(&dark, width).iter().map(boundary).max_by_key(Vec::len)?;
+    if longest.len() < COLUMNS {
+        return None;
+    }
+    let profile: Vec<f64> = (0..=2 * PROFILE)
+        .map(|n| {
+            longest
+                .iter()
+                .map(|at| picture.grey[at + n * width - PROFILE * width])
+                .sum::<f64>()
+        })
+        .collect();
+    let mut before = profile[..PROFILE / 2].to_vec();
+    before.sort_by(f64::total_cmp);
+    let low = before[PROFILE / 4];
+    let high = profile[PROFILE..].iter().copied().fold(f64::MIN, f64::max);
+    // Where the profile crosses 90 % at or below the boundary, and 10 % last before that.
+    let level = |share: f64| low + share * (high - low);
+    let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
+    let end = (PROFILE - 4..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;
+    let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
+    Some(between(end, level(0.9)) - between(start, level(0.1)))
+}
