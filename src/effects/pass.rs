@@ -71,10 +71,12 @@ pub enum Resource {
     NeedleMask,
     /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
     Loss,
-    /// Per sample: power of acoustic clutter (`f32`).
+    /// Per sample: power of acoustic clutter and ring-down (`f32`).
     Clutter,
     /// Per sample depth: linear gain (`f32`).
     Gain,
+    /// Per band of depth: automatic gain, octaves (`f32`).
+    AutoGain,
     /// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).
     ScanMap,
     /// Per pixel: grey level (`f32`).

@@ -34,6 +34,8 @@ pub struct Store<T> {
     pub needle_mask: Vec<[T; 2]>,
     /// [`Resource::Loss`].
     pub loss: Vec<u32>,
+    /// [`Resource::AutoGain`], from the bands to each sample depth.
+    pub auto_gain: Vec<T>,
     /// [`Resource::Image`].
     pub image: Vec<T>,
     /// [`Resource::Pixels`], a byte each.
@@ -60,6 +62,11 @@ impl<T: Real> Store<T> {
         resize(&mut self.scatter_axial, count(Resource::ScatterAxial, fine), T::zero());
         resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
+        resize(
+            &mut self.auto_gain,
+            count(Resource::AutoGain, tables.samples()),
+            T::zero(),
+        );
         resize(&mut self.image, count(Resource::Image, pixels), T::zero());
         resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
         if self.segments.capacity() != count(Resource::Needle, MAX_SEGMENTS) {
@@ -79,6 +86,7 @@ impl<T: Real> Store<T> {
             + self.scatter.capacity()
             + self.scatter_axial.capacity()
             + 2 * self.needle_mask.capacity()
+            + self.auto_gain.capacity()
             + self.image.capacity();
         scalars * size_of::<T>()
             + self.position.capacity() * size_of::<[T; 4]>()

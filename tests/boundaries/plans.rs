@@ -94,6 +94,7 @@ pub fn everything() -> Scene {
             "shadow",
             "blur",
             "receiver",
+            "tone_auto_gain",
             "noise",
         ],
         &[
@@ -117,6 +118,7 @@ pub fn everything() -> Scene {
             PenumbraKernel,
             AmplitudeNext,
             Clutter,
+            AutoGain,
         ],
     )
 }
@@ -271,9 +273,16 @@ pub fn scenes() -> Vec<Scene> {
         scene(
             "tone",
             box_of(lossy()),
+            |s| s.effects.tone = Some(insonify::effects::tone::Tone::linear()),
+            &[],
+            &[],
+        ),
+        scene(
+            "automatic gain",
+            box_of(lossy()),
             |s| s.effects.tone = Some(Default::default()),
-            &[],
-            &[],
+            &["tone_auto_gain"],
+            &[AutoGain],
         ),
         everything(),
     ]
@@ -281,7 +290,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 19] = [
+    const ORDER: [&str; 20] = [
         "geometry",
         "contact",
         "warp",
@@ -297,6 +306,7 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "shadow",
         "blur",
         "receiver",
+        "tone_auto_gain",
         "tone",
         "scan_conversion",
         "noise",

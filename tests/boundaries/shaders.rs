@@ -52,6 +52,8 @@ fn every_variant_of_every_pass_is_covered() {
         ("shadow_loss", "tissue_and_needle"),
         ("shadow", "penumbra"),
         ("speckle_axial", "axial_pass"),
+        ("tone", "by_hand"),
+        ("tone", "automatic"),
     ] {
         assert!(names.contains(&expected), "{expected:?} is not among {names:?}");
     }
@@ -161,6 +163,7 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "speckle_lateral" | "interface" | "needle" | "shadow" | "blur" | "receiver" | "tone" => [samples, lines, 1],
         // One group a scanline, however many samples.
         "shadow_loss" => [256, lines, 1],
+        "tone_auto_gain" => [256, insonify::effects::tone::auto_gain::BANDS as u64, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),
