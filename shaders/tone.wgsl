@@ -1,24 +1,47 @@
-// Gain and log compression to grey levels. Twin of src/effects/tone.rs.
+// Gain and log compression to grey levels, and the automatic gain of each band of depth. Twin of src/effects/tone.rs and
+// src/effects/tone/auto_gain.rs.
 struct Params {
     samples: u32,
+    lines: u32,
     compress: u32,
     per_octave: f32,
     middle: f32,
+    bend: f32,
     gamma: f32,
+    scale: f32,
+    share: f32,
+    ceiling: f32,
     unused_a: u32,
     unused_b: u32,
-    unused_c: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> gain: array<f32>;
-@group(0) @binding(2) var<storage, read_write> amplitudes: array<f32>;
 
-fn grey(amplitude: f32) -> f32 {
+// Of the tone.
+@group(0) @binding(2) var<storage, read_write> amplitudes: array<f32>;
+@group(0) @binding(3) var<storage, read> octaves: array<f32>;
+
+// Of the automatic gain.
+@group(0) @binding(2) var<storage, read> echoes: array<f32>;
+@group(0) @binding(3) var<storage, read_write> measured: array<f32>;
+
+const BANDS = 16u;
+const SILENT = 0.1;
+const HEARD = 0.3;
+const MOST = 16.0;
+const PRIOR = 0.03;
+const NEAR = 64u;
+const THREADS = 256u;
+
+var<workgroup> partial: array<vec2<f32>, THREADS>;
+
+fn grey(amplitude: f32, lifted: f32) -> f32 {
     if params.compress == 0u {
         return clamp(amplitude * 255.0, 0.0, 255.0);
     }
-    let share = clamp(params.middle + params.per_octave * log2(max(amplitude, 1e-10)), 0.0, 1.0);
+    let g = clamp(params.middle + params.per_octave * (log2(max(amplitude, 1e-10)) + lifted), 0.0, 1.0);
+    let share = g - params.bend * (g * (1.0 - g) * (1.0 - (g + g)));
     if params.gamma == 1.0 {
         return 255.0 * share;
     }
@@ -26,10 +49,55 @@ fn grey(amplitude: f32) -> f32 {
 }
 
 @compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+fn by_hand(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
     let index = id.y * params.samples + id.x;
-    amplitudes[index] = grey(amplitudes[index] * gain[id.x]);
+    amplitudes[index] = grey(amplitudes[index] * gain[id.x], 0.0);
+}
+
+@compute @workgroup_size(64)
+fn automatic(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let per_sample = f32(BANDS) / f32(params.samples);
+    let place = clamp((f32(id.x) + 0.5) * per_sample - 0.5, 0.0, f32(BANDS - 1u));
+    let band = min(u32(place), BANDS - 2u);
+    let lifted = octaves[band] + (place - f32(band)) * (octaves[band + 1u] - octaves[band]);
+    let index = id.y * params.samples + id.x;
+    amplitudes[index] = grey(amplitudes[index] * gain[id.x], lifted);
+}
+
+// A workgroup a band: weights, and weights times amplitudes.
+@compute @workgroup_size(256)
+fn auto_gain(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let band = group.y;
+    let end = (band + 1u) * params.samples / BANDS;
+    let start = min(max(band * params.samples / BANDS, params.samples / NEAR), end);
+    let width = end - start;
+    let count = width * params.lines;
+    var sum = vec2<f32>(0.0);
+    for (var i = thread; i < count; i += THREADS) {
+        let line = i / width;
+        let sample = start + i - line * width;
+        let echo = echoes[line * params.samples + sample] * gain[sample] * params.scale;
+        let weight = clamp((echo - SILENT) * (1.0 / (HEARD - SILENT)), 0.0, 1.0);
+        sum += vec2<f32>(weight, weight * min(echo, MOST));
+    }
+    partial[thread] = sum;
+    for (var half = THREADS / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if thread < half {
+            partial[thread] += partial[thread + half];
+        }
+    }
+    if thread == 0u {
+        let prior = PRIOR * (f32(count) + 1.0);
+        let level = (partial[0].y + prior) / (partial[0].x + prior);
+        let middle = min((2u * band + 1u) * params.samples / (2u * BANDS), params.samples - 1u);
+        let room = max(params.ceiling - log2(gain[middle]), 0.0);
+        measured[band] = min(-params.share * log2(level), room);
+    }
 }

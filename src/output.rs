@@ -1,8 +1,10 @@
 //! Files that leave the program: PNG, animated previews, image sequences with transforms, sidecars; and the places that they go to.
 
 pub mod atomic;
+mod canvas;
 pub mod folder;
 pub mod gif;
+pub mod overlay;
 pub mod overview;
 pub mod place;
 pub mod png;

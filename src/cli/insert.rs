@@ -175,9 +175,15 @@ impl Insert {
         Ok(())
     }
 
-    /// Files that images go to; ground truth beside images asks for pictures.
+    /// Files that images go to; what goes beside images or over them asks for pictures.
     fn images(&self) -> Option<Images> {
-        let beside = self.extras.sidecar || self.extras.overview || !self.extras.layers().is_empty();
+        let Extras {
+            sidecar,
+            overview,
+            overlay,
+            ..
+        } = self.extras;
+        let beside = sidecar || overview || overlay || !self.extras.layers().is_empty();
         self.images.or(beside.then_some(Images::Png))
     }
 

@@ -75,10 +75,12 @@ pub enum Resource {
     ApertureShifts,
     /// Per ray, element and sample: what occluders on it let through, one way (`f32`).
     Through,
-    /// Per sample: power of acoustic clutter (`f32`).
+    /// Per sample: power of acoustic clutter and ring-down (`f32`).
     Clutter,
     /// Per sample depth: linear gain (`f32`).
     Gain,
+    /// Per band of depth: automatic gain, octaves (`f32`).
+    AutoGain,
     /// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).
     ScanMap,
     /// Per pixel: grey level (`f32`).

@@ -28,7 +28,8 @@ pub struct PointSpread {
     pub lateral_mm: f64,
     /// Out of the plane.
     pub elevational_mm: f64,
-    focus_mm: f64,
+    /// Depth of the focus.
+    pub focus_mm: f64,
     focal_zone_mm: f64,
     /// Least lateral length over depth: the diffraction of the aperture.
     divergence: f64,

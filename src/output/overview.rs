@@ -1,16 +1,14 @@
 //! A small picture of where the probe is against the anatomy.
 
-mod canvas;
-
 use image::{Rgb, RgbImage, imageops};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::canvas::{self, Colour, Point};
 use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::BeamGrid;
 use crate::volume::LabelVolume;
-use canvas::{Colour, Point};
 
 /// Side of one view, pixels.
 const PANEL: u32 = 360;

@@ -56,6 +56,9 @@ pub struct Files {
     pub image: Option<String>,
     /// The ground-truth layers.
     pub layers: Vec<LayerFile>,
+    /// Whether scale, grey bar, mark and focus are drawn over the picture.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub overlay: bool,
 }
 
 /// The file of one ground-truth layer.
@@ -175,6 +178,7 @@ mod tests {
                     name: "depth".into(),
                     path: "frame_0007_depth.png".into(),
                 }],
+                overlay: false,
             },
             image: ImagePlace::new(&grid, &pose),
             probe_to_world: Rows(*pose.probe_to_world()),

@@ -8,6 +8,8 @@ use nalgebra::{Matrix4, Point3, Vector4};
 
 use crate::effects::pass::{Access, Pass, Resource};
 use crate::effects::shadow::{UNITS_PER_DB, transmittance};
+use crate::effects::tone::Tone;
+use crate::effects::tone::auto_gain::{self, AutoGain};
 use crate::mechanics::mesh::locator::NONE;
 use crate::mechanics::mesh::map::{BACKGROUND, FOLDED};
 use crate::synth::layers::{Beam, world_position};
@@ -83,6 +85,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         speckle: stages.factor_of("speckle", synth),
         needle_share: last.needle.get(index).copied(),
         shadow: shadow_report(tables, last, line, sample),
+        auto_gain_db: stages.auto_gain_db(tables, sample),
         gain_db: 20.0 * tables.gain.of::<f64>().get(sample).map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
         interpolation: corners(last, at),
@@ -94,6 +97,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
 struct Stages {
     list: Vec<Stage>,
     before_blur: Option<Vec<f64>>,
+    before_tone: Vec<f64>,
     last: Beam,
 }
 
@@ -110,12 +114,15 @@ impl Stages {
         let mut stages = Self {
             list: Vec::with_capacity(names.len()),
             before_blur: None,
+            before_tone: Vec::new(),
             last: Beam::default(),
         };
         for pass in names {
             let beam = synth.render_until(pass, state)?;
             if pass == "blur" {
                 stages.before_blur = Some(std::mem::take(&mut stages.last.amplitude));
+            } else if pass == "tone" {
+                stages.before_tone = std::mem::take(&mut stages.last.amplitude);
             }
             stages.list.push(Stage {
                 pass,
@@ -124,6 +131,12 @@ impl Stages {
             stages.last = beam;
         }
         Ok(stages)
+    }
+
+    /// Automatic gain at a sample depth, dB; none without.
+    fn auto_gain_db(&self, tables: &Tables, sample: usize) -> Option<f64> {
+        let gains = auto_gain::gains(&AutoGain::of(tables)?, tables.gain.of(), &self.before_tone);
+        Some(Tone::DB_PER_OCTAVE * auto_gain::at(&gains, sample, tables.samples()))
     }
 
     /// The value after an effect over that before it; none without the effect, and where nothing echoes.

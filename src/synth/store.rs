@@ -39,6 +39,8 @@ pub struct Store<T> {
     pub loss: Vec<u32>,
     /// [`Resource::Through`].
     pub through: Vec<T>,
+    /// [`Resource::AutoGain`], from the bands to each sample depth.
+    pub auto_gain: Vec<T>,
     /// [`Resource::Image`].
     pub image: Vec<T>,
     /// [`Resource::Pixels`], a byte each.
@@ -67,6 +69,11 @@ impl<T: Real> Store<T> {
         resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
         resize(&mut self.through, count(Resource::Through, RAYS * beam), T::zero());
+        resize(
+            &mut self.auto_gain,
+            count(Resource::AutoGain, tables.samples()),
+            T::zero(),
+        );
         resize(&mut self.image, count(Resource::Image, pixels), T::zero());
         resize(&mut self.pixels, count(Resource::Pixels, pixels), 0);
         if self.segments.capacity() != count(Resource::Needle, MAX_SEGMENTS) {
@@ -87,6 +94,7 @@ impl<T: Real> Store<T> {
             + self.scatter_axial.capacity()
             + self.through.capacity()
             + 2 * (self.needle_mask.capacity() + self.specular.capacity())
+            + self.auto_gain.capacity()
             + self.image.capacity();
         scalars * size_of::<T>()
             + self.position.capacity() * size_of::<[T; 4]>()

@@ -16,6 +16,7 @@ use crate::effects::shadow::aperture::RAYS;
 use crate::effects::shadow::units;
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
+use crate::effects::tone::auto_gain::BANDS;
 use crate::effects::{Effects, texture};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::pack::WarpCapacities;
@@ -131,7 +132,7 @@ pub struct Tables {
     pub aperture: Vec<u32>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
-    /// Power of acoustic clutter at each sample; empty without a receiver.
+    /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
     pub clutter: Vec<f32>,
     /// Linear gain at each sample depth.
     pub gain: Numbers,
@@ -358,6 +359,7 @@ impl Tables {
             Resource::PenumbraKernel => self.penumbra.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
             Resource::Gain => self.samples() as u64 * 4,
+            Resource::AutoGain => 4 * BANDS as u64,
             Resource::Needle => (MAX_SEGMENTS * size_of::<[[f32; 4]; 3]>()) as u64,
             Resource::ScanMap => pixels * 8,
             Resource::Image => pixels * 4,
@@ -397,14 +399,7 @@ impl Tables {
     fn clutter(&self) -> Vec<f32> {
         let effects = &self.settings.effects;
         effects.receiver.as_ref().map_or_else(Vec::new, |receiver| {
-            let speckle = effects.speckle.clone().unwrap_or_default();
-            let spread = PointSpread::new(&speckle, &self.settings.probe);
-            receiver.clutter(
-                &self.grid,
-                &spread,
-                self.settings.average_attenuation_db_cm(),
-                self.settings.seed,
-            )
+            receiver.clutter(&self.settings, &self.grid, self.settings.average_attenuation_db_cm())
         })
     }
 

@@ -97,6 +97,7 @@ pub fn everything() -> Scene {
             "shadow",
             "blur",
             "receiver",
+            "tone_auto_gain",
             "noise",
         ],
         &[
@@ -122,6 +123,7 @@ pub fn everything() -> Scene {
             PenumbraKernel,
             AmplitudeNext,
             Clutter,
+            AutoGain,
         ],
     )
 }
@@ -300,9 +302,16 @@ pub fn scenes() -> Vec<Scene> {
         scene(
             "tone",
             box_of(lossy()),
+            |s| s.effects.tone = Some(insonify::effects::tone::Tone::linear()),
+            &[],
+            &[],
+        ),
+        scene(
+            "automatic gain",
+            box_of(lossy()),
             |s| s.effects.tone = Some(Default::default()),
-            &[],
-            &[],
+            &["tone_auto_gain"],
+            &[AutoGain],
         ),
         everything(),
     ]
@@ -310,7 +319,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 22] = [
+    const ORDER: [&str; 23] = [
         "geometry",
         "contact",
         "warp",
@@ -329,6 +338,7 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "shadow",
         "blur",
         "receiver",
+        "tone_auto_gain",
         "tone",
         "scan_conversion",
         "noise",

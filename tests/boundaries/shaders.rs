@@ -53,6 +53,8 @@ fn every_variant_of_every_pass_is_covered() {
         ("shadow_loss", "tissue_and_needle"),
         ("shadow", "penumbra"),
         ("speckle_axial", "axial_pass"),
+        ("tone", "by_hand"),
+        ("tone", "automatic"),
     ] {
         assert!(names.contains(&expected), "{expected:?} is not among {names:?}");
     }
@@ -165,6 +167,7 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         // One group a scanline, or a ray of an element, however many samples.
         "shadow_loss" => [256, lines, 1],
         "shadow_rays" => [256, lines, RAYS as u64],
+        "tone_auto_gain" => [256, insonify::effects::tone::auto_gain::BANDS as u64, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),

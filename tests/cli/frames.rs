@@ -383,3 +383,29 @@ fn doubtful_poses_and_choices_are_questioned() {
     let film = bench.run("render moving.toml --backend cpu -o film.mp4 --frames 2");
     film.fails(2, &["film.mp4", ".mha"]);
 }
+
+/// Marks for people: over the picture alone, told in the sidecar, and not with ground truth nor in sequences.
+#[test]
+fn an_overlay_is_drawn_over_the_picture_and_told() {
+    let bench = Bench::new();
+    bench
+        .run("render scene.toml --backend cpu -o plain.png --sidecar")
+        .text();
+    bench
+        .run("render scene.toml --backend cpu -o marked.png --sidecar --overlay")
+        .text();
+    let [plain, marked] = ["plain.png", "marked.png"].map(|name| grey(&bench.path(name)));
+    assert_eq!(plain.0, marked.0);
+    let changed = plain.1.iter().zip(&marked.1).filter(|(a, b)| a != b).count();
+    assert!((20..48 * 20).contains(&changed), "{changed} pixels are marked");
+    let told = |name: &str| {
+        let text = std::fs::read_to_string(bench.path(name)).unwrap();
+        serde_json::from_str::<Sidecar>(&text).unwrap().files.overlay
+    };
+    assert_eq!([told("plain.json"), told("marked.json")], [false, true]);
+    for refused in ["-o a.png --overlay --layers depth", "-o a.mha --overlay"] {
+        let run = bench.run(&format!("render scene.toml --backend cpu {refused}"));
+        assert!(run.status == Some(2) && run.stderr.contains("--overlay"), "{run:?}");
+        assert!(!bench.files(".").iter().any(|file| file.starts_with("a.")), "{refused}");
+    }
+}

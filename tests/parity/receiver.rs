@@ -17,11 +17,13 @@ fn noise_and_clutter_on_every_probe_shape() {
                 noise_db: 20.0,
                 clutter_db: -200.0,
                 clutter_decay_db_cm: 0.0,
+                ring_down_db: -200.0,
             },
             Receiver {
                 noise_db: -200.0,
                 clutter_db: -20.0,
                 clutter_decay_db_cm: 12.0,
+                ring_down_db: -200.0,
             },
         ] {
             // A count that is no multiple of a workgroup nor of a block.

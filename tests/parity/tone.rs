@@ -1,7 +1,8 @@
 //! Tone: a logarithm, clamped. Its slope is steep for faint echoes, so the bound is taken at both ends of the interval that
-//! the amplitude is known to.
+//! the amplitude is known to. Automatic gain is a ratio of two sums over a band of depth, of terms that rise with the amplitude: so are its ends.
 
-use insonify::effects::tone::Tone;
+use insonify::effects::receiver::Receiver;
+use insonify::effects::tone::{Curve, Tone};
 
 use crate::case::{Case, check_all};
 use crate::scenes;
@@ -18,7 +19,7 @@ fn linear_and_compressed_tones() {
                 dynamic_range_db: 30.0,
                 gamma: 0.5,
                 gain_db: -3.0,
-                ..Tone::default()
+                ..Tone::linear()
             }),
         ),
         (
@@ -28,18 +29,34 @@ fn linear_and_compressed_tones() {
                 gamma: 2.2,
                 tgc_db_cm: Some(2.5),
                 tgc_points: vec![[5.0, -10.0], [20.0, 4.0], [33.0, 9.0]],
+                curve: Curve::Linear,
+                ..Tone::default()
+            }),
+        ),
+        (
+            "45 dB, S, gamma 0.7, all taken out",
+            Some(Tone {
+                dynamic_range_db: 45.0,
+                gamma: 0.7,
+                auto_gain: 1.0,
                 ..Tone::default()
             }),
         ),
     ];
     let mut cases = Vec::new();
     for (at, (name, tone)) in curves.into_iter().enumerate() {
-        for speckled in [false, true] {
-            let mut settings = scene::settings(scene::probe(SHAPES[at].1, 40.0, 24, 96), scene::bare());
+        // Of the bands of depth: as many samples in each, not, and fewer than bands.
+        for (speckled, samples) in [(false, 96), (true, 151), (false, 11)] {
+            let mut settings = scene::settings(scene::probe(SHAPES[at].1, 40.0, 24, samples), scene::bare());
+            // Noise that the automatic gain must not lift.
+            settings.effects.receiver = (at == 4 && samples == 96).then(|| Receiver {
+                noise_db: -25.0,
+                ..Receiver::default()
+            });
             settings.effects.tone = tone.clone();
             settings.effects.speckle = speckled.then(Default::default);
             cases.push(Case::new(
-                format!("{name}, speckle {speckled}"),
+                format!("{name}, speckle {speckled}, {samples} samples"),
                 scenes::random_anatomy(),
                 settings,
                 scenes::oblique_pose(),

@@ -18,7 +18,7 @@ const EDITS: &[Edit] = &[
     ("gain", |settings| {
         settings.effects.tone = Some(Tone {
             gain_db: 4.0,
-            ..Tone::default()
+            ..Tone::linear()
         })
     }),
     ("depth", |settings| settings.probe.depth_mm = 31.0),

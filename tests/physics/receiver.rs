@@ -20,6 +20,7 @@ const NOISE: Receiver = Receiver {
     noise_db: -20.0,
     clutter_db: -200.0,
     clutter_decay_db_cm: 0.0,
+    ring_down_db: -200.0,
 };
 
 /// Excess kurtosis of each part of the signal: of the sum of six uniform bytes, -(6/5) / 6 up to the grain of a byte, times
@@ -151,6 +152,7 @@ fn clutter_stands_still_and_fades() {
         noise_db: -65.0,
         clutter_db: -10.0,
         clutter_decay_db_cm: 2.0,
+        ring_down_db: -200.0,
     };
     const SEEDS: u64 = 60;
     let probe = scene::probe(ProbeShape::Linear { width_mm: 40.0 }, DEPTH_MM, LINES, SAMPLES);
@@ -206,5 +208,32 @@ fn clutter_stands_still_and_fades() {
         let again = correlation(&near(&beams[0]), &near(&beam(0, 1)));
         let other = correlation(&near(&beams[0]), &near(&beams[1]));
         assert!(again > 0.99 && other.abs() < 0.3, "{again} {other}");
+    }
+}
+
+/// The array rings at its face on every scanline, and falls to 1/e over 3.15 mm at 1 MHz.
+#[test]
+fn the_array_rings_down() {
+    let receiver = Receiver {
+        noise_db: -200.0,
+        clutter_db: -200.0,
+        ring_down_db: 14.0,
+        ..Receiver::default()
+    };
+    for (name, backend) in precisions() {
+        let beam = &beams(&receiver, echo(-200.0), false, &backend, &[0])[0];
+        for (index, found) in beam
+            .amplitude
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| index % beam.samples < 30)
+        {
+            let depth = ((index % beam.samples) as f64 + 0.5) * DEPTH_MM / f64::from(SAMPLES);
+            let expected = 10f64.powf(0.7) * (-depth * 5.0 / 3.15).exp();
+            assert!(
+                (found - expected).abs() < 1e-5 * expected,
+                "{name}: {found} at {depth} mm, not {expected}"
+            );
+        }
     }
 }

@@ -15,7 +15,7 @@ fn a_constant_has_no_seams() {
                 let mut settings = scene::sized(scene::probe(shape, 40.0, 24, 96), scene::bare(), width, height);
                 settings.effects.tone = Some(Tone {
                     gain_db: 0.0,
-                    ..Tone::default()
+                    ..Tone::linear()
                 });
                 let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
                 let pixels = synthesizer.render(&scene::straight()).expect("a frame").pixels.clone();
@@ -63,7 +63,7 @@ fn a_ramp_in_depth_is_one_on_the_image() {
             settings.effects.tone = Some(Tone {
                 tgc_db_cm: Some(5.0),
                 gain_db: -10.0,
-                ..Tone::default()
+                ..Tone::linear()
             });
             let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, backend);
             let pixels = synthesizer.render(&scene::straight()).expect("a frame").pixels.clone();

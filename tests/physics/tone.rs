@@ -1,10 +1,15 @@
 //! Tone: known ramps through the pipeline.
 
+use insonify::effects::receiver::Receiver;
 use insonify::effects::shadow::Shadow;
-use insonify::effects::tone::{MID_GREY, Tone};
+use insonify::effects::tone::auto_gain::{HEARD, PRIOR, SILENT, USUAL_DB};
+use insonify::effects::tone::{MID_GREY, NOISE_GREY, Tone};
+use insonify::synth::Backend;
+use insonify::tracking::probe::ProbeShape;
 
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene::{self, SHAPES};
+use crate::support::stats::mean;
 use crate::{beam_after, precisions};
 
 fn echo(db: f64) -> anatomy::Acoustics {
@@ -20,7 +25,7 @@ fn decibels_become_grey_levels_in_a_straight_line() {
                 settings.effects.tone = Some(Tone {
                     dynamic_range_db: range,
                     gain_db: 3.0,
-                    ..Tone::default()
+                    ..Tone::linear()
                 });
                 let beam = beam_after(
                     &anatomy::uniform(echo(db)),
@@ -49,7 +54,7 @@ fn time_gain_compensation_is_a_ramp_in_depth() {
             gain_db: 0.0,
             tgc_db_cm: Some(-1.5),
             tgc_points: vec![[10.0, 0.0], [30.0, 8.0]],
-            ..Tone::default()
+            ..Tone::linear()
         });
         let beam = beam_after(
             &anatomy::uniform(echo(-4.0)),
@@ -78,7 +83,7 @@ fn gamma_bends_the_grey_map() {
             settings.effects.tone = Some(Tone {
                 gain_db: 0.0,
                 gamma,
-                ..Tone::default()
+                ..Tone::linear()
             });
             let beam = beam_after(
                 &anatomy::uniform(echo(-6.0)),
@@ -107,13 +112,13 @@ fn compensation_without_a_value_undoes_the_attenuation_of_average_tissue() {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 9, 96), scene::bare());
         settings.effects.tone = Some(Tone {
             gain_db: 0.0,
-            ..Tone::default()
+            ..Tone::linear()
         });
         settings.effects.shadow = Some(Shadow::default());
         let beam = beam_after(
             &anatomy::uniform(tissue),
             &settings,
-            insonify::synth::Backend::CpuF64,
+            Backend::CpuF64,
             "tone",
             &scene::straight(),
         );
@@ -136,4 +141,113 @@ fn without_a_curve_grey_is_the_amplitude() {
         );
         assert!((beam.amplitude[5] - 76.5).abs() < 1e-4, "{name}: {}", beam.amplitude[5]);
     }
+}
+
+/// Grey levels of a linear probe, scanline by scanline.
+fn greys(anatomy: &insonify::synth::tables::Anatomy, receiver: Option<Receiver>, tone: Tone) -> Vec<f64> {
+    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, 96.0, 24, 192);
+    let mut settings = scene::settings(probe, scene::bare());
+    settings.effects.shadow = Some(Shadow::default());
+    settings.effects.receiver = receiver;
+    settings.effects.tone = Some(tone);
+    beam_after(anatomy, &settings, Backend::CpuF64, "tone", &scene::straight()).amplitude
+}
+
+#[test]
+fn automatic_gain_takes_out_its_share_whatever_the_gain() {
+    for (name, backend) in precisions() {
+        for db in [-14.0, -5.0, 0.0, 12.0] {
+            for gain_db in [-3.0, 6.0] {
+                let mut settings = scene::settings(scene::small_probe(), scene::bare());
+                settings.effects.tone = Some(Tone {
+                    auto_gain: 0.75,
+                    gain_db,
+                    ..Tone::linear()
+                });
+                let anatomy = anatomy::uniform(echo(db));
+                let beam = beam_after(&anatomy, &settings, backend_like(&backend), "tone", &scene::straight());
+                let level = 10f64.powf((db - USUAL_DB) / 20.0);
+                let weight = ((level - SILENT) / (HEARD - SILENT)).clamp(0.0, 1.0);
+                let level = (weight * level + PRIOR) / (weight + PRIOR);
+                let expected = 255.0 * (MID_GREY + (db + gain_db - 15.0 * level.log10()) / 60.0);
+                for found in &beam.amplitude {
+                    // The prior counts one sample more than the band has.
+                    assert!(
+                        (found - expected).abs() < 0.02,
+                        "{name}: {db} dB: {found}, not {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+fn backend_like(backend: &Backend) -> Backend {
+    match backend {
+        Backend::CpuF64 => Backend::CpuF64,
+        _ => Backend::Cpu,
+    }
+}
+
+/// 5 cm of urine in tissue of average attenuation are compensated for by 25 dB too much: of that a fifth is left, and the urine stays black.
+#[test]
+fn tissue_behind_urine_is_at_most_8_db_too_bright() {
+    let tissue = Acoustics {
+        attenuation_db_cm_mhz: 0.5,
+        ..echo(USUAL_DB)
+    };
+    let urine = Acoustics { ..echo(-60.0) };
+    let frame = anatomy::Frame::around([0.0, 60.0, 0.0], [3, 122, 3], 1.0).stretched([40.0, 1.0, 40.0]);
+    let anatomy = anatomy::layers(frame, &[0.0, 18.0, 68.0], &[anatomy::SILENT, tissue, urine, tissue]);
+    let over = |tone: Tone| {
+        let greys = greys(&anatomy, None, tone);
+        let at = |depth_mm: f64| greys[(2.0 * depth_mm) as usize];
+        assert_eq!(at(45.0), 0.0, "urine");
+        [at(9.0), at(93.0)].map(|grey| (grey / 255.0 - MID_GREY) * 60.0 - USUAL_DB)
+    };
+    let [before, behind] = over(Tone::linear());
+    assert!(before.abs() < 0.3 && (behind - 25.0).abs() < 0.3, "{before} {behind}");
+    let automatic = Tone {
+        auto_gain: 0.8,
+        ..Tone::linear()
+    };
+    let [before, behind] = over(automatic);
+    assert!(before.abs() < 0.3 && (4.0..8.0).contains(&behind), "{before} {behind}");
+}
+
+#[test]
+fn automatic_gain_lifts_faint_tissue_and_no_noise() {
+    let receiver = Receiver {
+        noise_db: -60.0,
+        clutter_db: -200.0,
+        ring_down_db: -200.0,
+        ..Receiver::default()
+    };
+    let automatic = Tone {
+        auto_gain: 1.0,
+        ..Tone::linear()
+    };
+    let shown = |db: f64, tone: &Tone| greys(&anatomy::uniform(echo(db)), Some(receiver.clone()), tone.clone());
+    let [plain, lifted] = [Tone::linear(), automatic].map(|tone| shown(-150.0, &tone));
+    assert!(mean(&lifted) < 255.0 * NOISE_GREY, "{}", mean(&lifted));
+    // Beyond 82 mm the compensation has brought the noise to where it may be.
+    let deep = |greys: &[f64]| {
+        mean(
+            &greys
+                .chunks(192)
+                .flat_map(|line| line[176..].to_vec())
+                .collect::<Vec<_>>(),
+        )
+    };
+    assert!((deep(&plain) - deep(&lifted)).abs() < 1e-9);
+    // Tissue at -15 dB, 10 below the usual, is lifted where there is room.
+    let [plain, lifted] = [
+        Tone::linear(),
+        Tone {
+            auto_gain: 1.0,
+            ..Tone::linear()
+        },
+    ]
+    .map(|tone| mean(&shown(-15.0, &tone)));
+    assert!(lifted > plain + 20.0, "{plain} {lifted}");
 }

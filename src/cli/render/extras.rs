@@ -32,6 +32,9 @@ pub struct Extras {
     /// Write a small picture of the probe against the anatomy beside each frame
     #[arg(long)]
     pub overview: bool,
+    /// Draw a scale of depth, a bar of the grey map, the probe's mark and the focus into the pictures, for people to look at
+    #[arg(long, conflicts_with = "layers")]
+    pub overlay: bool,
 }
 
 fn layer_names() -> PossibleValuesParser {

@@ -1,13 +1,14 @@
 //! Frames on their way to files, with what was asked for beside them.
 
+use std::borrow::Cow;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use insonify::output::atomic::{self, WriteError};
-use insonify::output::png;
 use insonify::output::sequence::{FrameInfo, SequenceWriter, transforms};
 use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use insonify::output::{overlay, png};
 use insonify::scene::Scene;
 use insonify::synth::layers::Layer;
 use insonify::synth::{FrameState, Synthesizer};
@@ -52,6 +53,15 @@ pub struct Shot<'a> {
 impl<'a> Output<'a> {
     /// Makes the folder that numbered files go to, and starts the sequences if frames go to one.
     pub fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
+        if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
+            return Err(Failure::usage(
+                format!(
+                    "--overlay draws into pictures, and {} is an image sequence",
+                    path.display()
+                ),
+                "write PNG files, or leave out --overlay",
+            ));
+        }
         let size = scene.settings.image;
         let layers = extras.layers();
         let folder = match &target {
@@ -105,7 +115,11 @@ impl<'a> Output<'a> {
                 self.target.path().to_owned()
             }
             None => {
-                png::write_grey(&picture, frame.width, frame.height, &frame.pixels)?;
+                let mut pixels = Cow::Borrowed(frame.pixels.as_slice());
+                if self.extras.overlay {
+                    overlay::draw(pixels.to_mut(), synth.tables());
+                }
+                png::write_grey(&picture, frame.width, frame.height, &pixels)?;
                 picture.clone()
             }
         };
@@ -185,6 +199,7 @@ impl<'a> Output<'a> {
             files: Files {
                 image: self.images.is_none().then(|| name_of(picture)),
                 layers,
+                overlay: self.extras.overlay,
             },
             image: ImagePlace::new(grid, pose),
             probe_to_world: Rows(*pose.probe_to_world()),

@@ -52,6 +52,8 @@ pub struct SampleReport {
     pub shadow: Option<ShadowReport>,
     /// Gain and time-gain compensation at this depth, dB.
     pub gain_db: f64,
+    /// Automatic gain there, dB, if there is any.
+    pub auto_gain_db: Option<f64>,
     /// Scanlines that the radial blur mixes, with their shares.
     pub blur: Vec<BlurNeighbour>,
     /// The value after each pass that writes it.
@@ -263,7 +265,11 @@ impl fmt::Display for SampleReport {
                 )?;
             }
         }
-        writeln!(f, "gain            {:.2} dB at this depth", self.gain_db)?;
+        write!(f, "gain            {:.2} dB at this depth", self.gain_db)?;
+        match self.auto_gain_db {
+            Some(db) => writeln!(f, ", and {db:+.2} dB of automatic gain")?,
+            None => writeln!(f)?,
+        }
         writeln!(f, "after each pass (echo amplitude; grey level from `tone` on)")?;
         for stage in &self.stages {
             writeln!(f, "  {:<22} {:>12.6}", stage.pass, stage.value)?;

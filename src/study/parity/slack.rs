@@ -90,6 +90,8 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         "shadow" => shadow::carry(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),
+        // It leaves nothing in the beam; the tone carries it.
+        "tone_auto_gain" => {}
         "tone" => tone::carry(step, slack),
         // Pixels are compared by `pixels`.
         "scan_conversion" | "noise" | "quantise" => {}

@@ -56,7 +56,7 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
                         gain_db,
                         tgc_db_cm: Some(if gain_db > 0.0 { 20.0 } else { 0.0 }),
                         tgc_points: tgc_points.clone(),
-                        gamma: 1.0,
+                        ..Tone::linear()
                     }),
                     ..Effects::default()
                 };

@@ -14,7 +14,7 @@ use crate::effects::slice::Boundary;
 use crate::effects::speckle::Speckle;
 use crate::effects::texture::Texture;
 use crate::effects::thickness::Thickness;
-use crate::effects::tone::Tone;
+use crate::effects::tone::{Curve, Tone};
 use crate::mechanics::mesh::Displacement;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
 use crate::study::parity::Case;
@@ -275,6 +275,8 @@ fn effects(draw: &mut Draw) -> Effects {
             gain_db: draw.within(-10.0, 10.0),
             dynamic_range_db: draw.within(30.0, 90.0),
             gamma: if draw.chance(0.5) { 1.0 } else { draw.within(0.5, 2.2) },
+            auto_gain: if draw.chance(0.5) { draw.within(0.0, 1.0) } else { 0.0 },
+            curve: if draw.chance(0.5) { Curve::S } else { Curve::Linear },
             ..Tone::default()
         }),
         noise: draw.maybe(0.5, |draw| Noise {

@@ -73,10 +73,7 @@ fn uniform(effects: Effects) -> Settings {
             placed: None,
         },
         effects: Effects {
-            tone: Some(Tone {
-                gain_db: 0.0,
-                ..Tone::default()
-            }),
+            tone: Some(Tone::linear()),
             ..effects
         },
         has_needle: false,

@@ -39,7 +39,7 @@ fn anatomy(voxel_mm: f64) -> Anatomy {
 
 fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
     let mut effects = Effects {
-        tone: Some(Tone::default()),
+        tone: Some(Tone::linear()),
         ..Effects::default()
     };
     effects.slice.boundary = boundary;

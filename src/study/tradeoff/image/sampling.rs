@@ -4,6 +4,7 @@ use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
 use super::{ImageError, ImageOptions, PICTURE, Table, factor};
 use crate::effects::Effects;
+use crate::effects::tone::Tone;
 use crate::study::tradeoff::{GREY_LEVELS, Goal};
 use crate::synth::Backend;
 use crate::synth::tables::Settings;
@@ -21,7 +22,7 @@ const LINES: [[u32; 2]; 6] = [[32, 512], [64, 512], [128, 512], [256, 512], [512
 
 fn bare(effects: &Effects) -> Effects {
     Effects {
-        tone: effects.tone.clone(),
+        tone: effects.tone.as_ref().map(|_| Tone::linear()),
         ..Effects::default()
     }
 }

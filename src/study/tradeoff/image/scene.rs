@@ -55,7 +55,9 @@ pub fn without_grain(mut settings: Settings) -> Settings {
 /// Settings with a receiver that takes its time but draws nothing that shows.
 pub fn silent(mut settings: Settings) -> Settings {
     if let Some(receiver) = &mut settings.effects.receiver {
-        (receiver.noise_db, receiver.clutter_db) = (QUIETEST_DB, QUIETEST_DB);
+        receiver.noise_db = QUIETEST_DB;
+        receiver.clutter_db = QUIETEST_DB;
+        receiver.ring_down_db = QUIETEST_DB;
     }
     settings
 }
