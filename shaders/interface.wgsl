@@ -71,8 +71,8 @@ fn cosine(near: u32, far: u32, before: vec3<f32>, at: vec3<f32>, after: vec3<f32
     let m = params.world_to_index;
     let along = dot(slope, voxel_index(after) - voxel_index(before));
     let steep = m[0].xyz * slope.x + m[1].xyz * slope.y + m[2].xyz * slope.z;
-    let way = after - before;
-    let product = sqrt(dot(steep, steep) * dot(way, way));
+    let step = after - before;
+    let product = sqrt(dot(steep, steep) * dot(step, step));
     return select(0.0, min(abs(along) / product, 1.0), product > 0.0);
 }
 

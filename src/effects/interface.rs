@@ -326,8 +326,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
 
-    /// Cosine of the angle between the normal of the boundary of two labels and the way from the first to the last of three
-    /// reference positions (mm), at the middle one; 0 where no normal is to be found.
+    /// Cosine of the angle between the normal of the boundary of two labels and the line from the first to the last of three
+    /// reference positions (mm), at the middle one; 0 where there is no normal.
     #[inline(always)]
     pub fn cosine(&self, labels: [u8; 2], [before, at, after]: [[T; 3]; 3]) -> T {
         let Some(gradient) = self.gradient(labels, at) else {
@@ -341,8 +341,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
             along += gradient[axis] * (to[axis] - from[axis]);
             let slope = rows[0][axis] * gradient[0] + rows[1][axis] * gradient[1] + rows[2][axis] * gradient[2];
             steep += slope * slope;
-            let way = after[axis] - before[axis];
-            long += way * way;
+            let step = after[axis] - before[axis];
+            long += step * step;
         }
         let product = (steep * long).sqrt();
         if product > T::zero() {

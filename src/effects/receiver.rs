@@ -1,7 +1,8 @@
 //! Receiver: what a scanner shows where nothing echoes.
 //!
-//! The array rings down after it has transmitted: a band at its face on every scanline that is in contact, brightest at the face.
-//! //! Acoustic clutter, which is reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's
+//! The array rings down after it has transmitted: a band at its face on every scanline that is in contact.
+//!
+//! Acoustic clutter, which is reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's
 //! frame, has the point spread of the probe, is strongest near the array, is attenuated like any echo and fades beyond that from one
 //! round trip to the next (`clutter`). Electronic noise has the same power at every depth; the time-gain compensation after it
 //! lifts it. Neither is in phase with the echo, so powers add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of the clutter at the

@@ -125,25 +125,25 @@ fn cosine_off(
         std::array::from_fn(|axis| (CHANGE * moved + SUMS) / stride[axis] + DIVIDE * gradient[axis].abs());
     let (from, to) = (index(before), index(after));
     let (mut along_off, mut along_size) = (0.0, 0.0);
-    let (mut steep, mut steep_off, mut way, mut way_off) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
+    let (mut steep, mut steep_off, mut long, mut long_off) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
     for axis in 0..3 {
-        let long = (to[axis] - from[axis]).abs();
-        along_off +=
-            gradient_off[axis] * long + (gradient[axis].abs() + gradient_off[axis]) * (ends[0][axis] + ends[1][axis]);
-        along_size += gradient[axis].abs() * long;
+        let crossed = (to[axis] - from[axis]).abs();
+        along_off += gradient_off[axis] * crossed
+            + (gradient[axis].abs() + gradient_off[axis]) * (ends[0][axis] + ends[1][axis]);
+        along_size += gradient[axis].abs() * crossed;
         let slope = |of: [f64; 3]| (0..3).map(|row| (matrix[(row, axis)] * of[row]).abs()).sum::<f64>();
         let exact: f64 = (0..3).map(|row| matrix[(row, axis)] * gradient[row]).sum();
         steep += exact * exact;
         steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);
         let apart = after[axis] - before[axis];
-        way += apart * apart;
-        way_off += (offs[0][axis] + offs[2][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
+        long += apart * apart;
+        long_off += (offs[0][axis] + offs[2][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
     }
-    let (steep, steep_off, way, way_off) = (steep.sqrt(), steep_off.sqrt(), way.sqrt(), way_off.sqrt());
-    let relative = steep_off / steep + way_off / way;
-    if !(relative < 0.25) {
+    let (steep, steep_off, long, long_off) = (steep.sqrt(), steep_off.sqrt(), long.sqrt(), long_off.sqrt());
+    let relative = steep_off / steep + long_off / long;
+    if relative.is_nan() || relative > 0.25 {
         return 1.0;
     }
-    let along_off = (along_off + 6.0 * ULP * along_size) / (steep * way);
+    let along_off = (along_off + 6.0 * ULP * along_size) / (steep * long);
     ((along_off + cosine * relative) / (1.0 - 1.3 * relative) + cosine * (ROOT + DIVIDE + 12.0 * ULP)).min(1.0)
 }
