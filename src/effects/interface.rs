@@ -43,7 +43,7 @@ pub struct Interface {
     pub mirror_db: f64,
     /// Power of the cosine of the angle of incidence (0 to 64).
     pub directivity: f64,
-    /// Diffuse share of the power of the echo (0 to 1): 0 is smooth; 0.4 has a standard deviation of 3.5 dB along the surface.
+    /// Diffuse share of the power of the echo (0 to 1): 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the surface.
     pub roughness: f64,
 }
 
@@ -52,7 +52,7 @@ impl Default for Interface {
         Self {
             mirror_db: 34.0,
             directivity: 4.0,
-            roughness: 0.4,
+            roughness: 0.25,
         }
     }
 }

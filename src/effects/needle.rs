@@ -42,7 +42,7 @@ pub struct NeedleEcho {
     pub reverberation_mm: f64,
     /// Loss from one repetition to the next, dB (0 to 60).
     pub reverberation_db: f64,
-    /// Diffuse share of the power of the echo (0 to 1): 0 is an even line; 0.3 has a standard deviation of 3 dB along it.
+    /// Diffuse share of the power of the echo (0 to 1): 0 is an even line; 0.2 has a standard deviation of 3 dB along it.
     pub roughness: f64,
 }
 
@@ -55,7 +55,7 @@ impl Default for NeedleEcho {
             reverberations: 3,
             reverberation_mm: 1.6,
             reverberation_db: 9.0,
-            roughness: 0.3,
+            roughness: 0.2,
         }
     }
 }

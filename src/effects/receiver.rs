@@ -1,13 +1,11 @@
 //! Receiver: what a scanner shows where nothing echoes.
 //!
-//! The array rings down after it has transmitted: a band at its face on every scanline that is in contact.
-//!
-//! Acoustic clutter, which is reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's
-//! frame, has the point spread of the probe, is strongest near the array, is attenuated like any echo and fades beyond that from one
-//! round trip to the next (`clutter`). Electronic noise has the same power at every depth; the time-gain compensation after it
-//! lifts it. Neither is in phase with the echo, so powers add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of the clutter at the
-//! sample, `n^2` that of the noise and `E` of mean 1. In bladders clutter was found to dominate by far, and noise to be weak (M. A.
-//! Lediju et al., Ultrasonic Imaging 30 (2008) 151).
+//! The array rings down after it has transmitted: a band at its face on every scanline that is in contact. Acoustic clutter, which is
+//! reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's frame, has the point spread of
+//! the probe, is strongest near the array, is attenuated like any echo and fades beyond that from one round trip to the next (`clutter`).
+//! Electronic noise has the same power at every depth; the time-gain compensation after it lifts it. None of them is in phase with the echo,
+//! so powers add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of ring-down and clutter at the sample, `n^2` that of the noise and `E` of
+//! mean 1. In bladders clutter was found to dominate by far, and noise to be weak (M. A. Lediju et al., Ultrasonic Imaging 30 (2008) 151).
 //!
 //! `E` is the power of a complex Gaussian signal, whose amplitude is Rayleigh distributed. Each part of the signal is a sum of
 //! six bytes of a hash of scanline, sample, frame and seed, smoothed along the scanline with the weights 1, 2, 1 as the

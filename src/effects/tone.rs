@@ -99,7 +99,7 @@ impl Tone {
 
     /// Share of the grey scale at which a share of the dynamic range is shown.
     pub fn shown(&self, share: f64) -> f64 {
-        GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0))
+        GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
     }
 
     /// Checks the ranges.
@@ -277,25 +277,29 @@ impl<T: Real> GreyMap<T> {
 
     /// Grey level of an amplitude after gain, lifted by some octaves.
     #[inline(always)]
-    fn grey(&self, amplitude: T, octaves: T) -> T {
+    fn grey(&self, amplitude: T, octaves: T, power: impl Fn(T) -> T) -> T {
         let full = T::of(255.0);
         if !self.compress {
             return (amplitude * full).max(T::zero()).min(full);
         }
         // Below the smallest amplitude worth a logarithm everything is black.
         let share = self.middle + self.per_octave * (amplitude.max(T::of(SMALLEST)).log2() + octaves);
-        full * self.bent(share.max(T::zero()).min(T::one()))
+        full * power(self.bent(share.max(T::zero()).min(T::one())))
     }
 
     #[inline(always)]
     fn bent(&self, share: T) -> T {
         let one = T::one();
         // 3 g^2 - 2 g^3 lies g (1 - g) (1 - 2 g) below g.
-        let share = share - self.bend * (share * (one - share) * (one - (share + share)));
-        if self.gamma == one {
-            share
-        } else {
-            share.powf(self.gamma)
+        share - self.bend * (share * (one - share) * (one - (share + share)))
+    }
+
+    /// Shows a scanline.
+    #[inline(always)]
+    fn show(&self, amplitudes: &mut [T], gain: &[T], automatic: &[T], power: impl Fn(T) -> T) {
+        for (sample, (amplitude, &gain)) in amplitudes.iter_mut().zip(gain).enumerate() {
+            let octaves = automatic.get(sample).copied().unwrap_or_default();
+            *amplitude = self.grey(*amplitude * gain, octaves, &power);
         }
     }
 }
@@ -329,14 +333,13 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let map = GreyMap::<T>::new(tables.settings.effects.tone.as_ref());
     let gain = tables.gain.of::<T>();
     let automatic = &store.auto_gain;
-    store.amplitude[..tables.lines() * samples]
-        .par_chunks_mut(samples)
-        .for_each(|amplitudes| {
-            for (sample, (amplitude, &gain)) in amplitudes.iter_mut().zip(gain).enumerate() {
-                let octaves = automatic.get(sample).copied().unwrap_or_default();
-                *amplitude = map.grey(*amplitude * gain, octaves);
-            }
-        });
+    let scanlines = store.amplitude[..tables.lines() * samples].par_chunks_mut(samples);
+    // Two loops: in one the power is taken of every sample, wanted or not.
+    if map.gamma == T::one() {
+        scanlines.for_each(|line| map.show(line, gain, automatic, |share| share));
+    } else {
+        scanlines.for_each(|line| map.show(line, gain, automatic, |share| share.powf(map.gamma)));
+    }
 }
 
 #[cfg(test)]
@@ -350,18 +353,18 @@ mod tests {
             ..Tone::linear()
         }));
         for db in [-20.0, -10.0, 0.0, 5.0] {
-            let grey = map.grey(10f64.powf(db / 20.0), 0.0);
+            let grey = map.grey(10f64.powf(db / 20.0), 0.0, |share| share);
             assert!(
                 (grey - 255.0 * (MID_GREY + db / 50.0)).abs() < 1e-9,
                 "{db} dB -> {grey}"
             );
         }
-        assert_eq!(map.grey(0.0, 0.0), 0.0);
-        assert_eq!(map.grey(1e9, 0.0), 255.0);
-        assert_eq!(GreyMap::<f64>::new(None).grey(0.5, 0.0), 127.5);
+        assert_eq!(map.grey(0.0, 0.0, |share| share), 0.0);
+        assert_eq!(map.grey(1e9, 0.0, |share| share), 255.0);
+        assert_eq!(GreyMap::<f64>::new(None).grey(0.5, 0.0, |share| share), 127.5);
     }
 
-    /// 3 dB an octave below and above: gain of one octave is 6.02 dB.
+    /// As much darker below the middle as brighter above; an octave of gain is an octave of amplitude.
     #[test]
     fn the_s_is_odd_about_the_middle_and_gain_moves_along_it() {
         let tone = Tone::default();
@@ -374,8 +377,11 @@ mod tests {
         }
         assert!((0.25 - tone.shown(0.25) - 0.05625).abs() < 1e-12);
         let map = GreyMap::<f64>::new(Some(&tone));
-        assert!((map.grey(0.25, 1.0) - map.grey(0.5, 0.0)).abs() < 1e-9);
-        assert!((map.grey(0.5, 0.0) / 255.0 - tone.shown(MID_GREY - Tone::DB_PER_OCTAVE / 60.0)).abs() < 1e-12);
+        assert!((map.grey(0.25, 1.0, |share| share) - map.grey(0.5, 0.0, |share| share)).abs() < 1e-9);
+        assert!(
+            (map.grey(0.5, 0.0, |share| share) / 255.0 - tone.shown(MID_GREY - Tone::DB_PER_OCTAVE / 60.0)).abs()
+                < 1e-12
+        );
     }
 
     #[test]

@@ -43,7 +43,7 @@ fn the_parts_of_a_pixel_add_up_to_it() {
         shadow.loss_db > 1.0 && (taken - shadow.loss_db).abs() < 1e-3,
         "{shadow:?}"
     );
-    let above = value("interface") * 10f64.powf(-shadow.loss_db / 20.0);
+    let above = value("speckle_lateral") * 10f64.powf(-shadow.loss_db / 20.0);
     assert!((value("shadow") / above - 1.0).abs() < 1e-6);
 
     assert!(report.blur.len() > 1);

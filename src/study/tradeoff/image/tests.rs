@@ -86,7 +86,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
     let expected = [
         ("image_grid", 4),
         ("image_backend", 4),
-        ("image_labels", 8),
+        ("image_labels", 12),
         ("image_sampling", 15),
         ("image_texture", 2),
         ("image_lookup", 6),
