@@ -42,10 +42,10 @@ fn majority(corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
     return best;
 }
 
-// Weights of the cubic B-spline on the four points around a fraction of a step.
+// Weights of the cubic B-spline on the four points around a fraction of a step, times 6.
 fn spline(t: f32) -> vec4<f32> {
     let u = 1.0 - t;
-    return vec4<f32>(u * u * u, 1.0 + 3.0 * u * (1.0 + t * u), 1.0 + 3.0 * t * (1.0 + t * u), t * t * t) * (1.0 / 6.0);
+    return vec4<f32>(u * u * u, 1.0 + 3.0 * u * (1.0 + t * u), 1.0 + 3.0 * t * (1.0 + t * u), t * t * t);
 }
 
 // Of the labels of a cell, the one with the largest sum of B-spline weights.

@@ -336,11 +336,12 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
     best
 }
 
-/// Weights of the cubic B-spline on the four points around a fraction of a step.
+/// Weights of the cubic B-spline on the four points around a fraction of a step, times 6: without thirds, samples on faces of voxels
+/// have exact shares in any precision.
 #[inline(always)]
 pub fn spline<T: Real>(t: T) -> [T; 4] {
-    let [one, three, sixth] = [1.0, 3.0, 1.0 / 6.0].map(T::of);
+    let [one, three] = [1.0, 3.0].map(T::of);
     let u = one - t;
-    let inner = |t: T, u: T| sixth * (one + three * t * (one + t * u));
-    [sixth * u * u * u, inner(u, t), inner(t, u), sixth * t * t * t]
+    let inner = |t: T, u: T| one + three * t * (one + t * u);
+    [u * u * u, inner(u, t), inner(t, u), t * t * t]
 }

@@ -144,7 +144,7 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
             usize::try_from(tap)
                 .ok()
                 .and_then(|tap| spline(at - at.floor()).get(tap).copied())
-                .unwrap_or(0.0)
+                .map_or(0.0, |six| six / 6.0)
         }
         _ => (1.0 - (at - voxel as f64).abs()).max(0.0),
     };
