@@ -1,4 +1,4 @@
-// Complex values of unit mean power on a lattice. Includes hash.wgsl before it.
+// Complex values of unit mean power on a lattice. Needs hash.wgsl.
 fn centred(words: vec2<u32>) -> vec2<f32> {
     return vec2<f32>(vec2<i32>(words >> vec2<u32>(16u)) - 32768) + 0.5;
 }

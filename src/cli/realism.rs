@@ -10,7 +10,7 @@ use super::output::{self, Force};
 use super::terminal;
 
 const TEACHING: &str = "\
-The same measures on both sides, each frame by itself: grain of the most uniform windows and of the darkest ones, grey levels of the
+The same measures on both sides, each frame by itself: texture of the most uniform windows and of the darkest ones, grey levels of the
 sector, contact below the array, the far edge of a dark region, and of sequences the correlation from frame to frame. Everything is found
 from the frame alone: the sector is the largest region in which grey levels vary, without coloured overlays; of RGB files the luminance
 counts. Depth runs down the picture. Crop pictures with more than one sector.

@@ -5,7 +5,8 @@
 //! attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle takes
 //! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
 //! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
-//! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its share of it. Shadows of bone, air and the needle
+//! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its
+//! share of it. Shadows of bone, air and the needle
 //! shaft by casting rays: Zhu et al. 2007, section 2.4.
 
 use bytemuck::{Pod, Zeroable};

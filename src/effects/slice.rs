@@ -2,7 +2,8 @@
 //!
 //! The label is the one that holds the largest share of the cubic B-spline weights of the 64 voxels around the sample, which
 //! takes the staircase off the boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of
-//! the eight, with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background (label index 0). With
+//! the eight, with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are
+//! background (label index 0). With
 //! `beyond = "continue"` the body goes on where a face of the volume cuts it: labels are mirrored at the face, once.
 
 use bytemuck::{Pod, Zeroable};

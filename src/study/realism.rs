@@ -1,13 +1,13 @@
-//! How real frames look: the same measures on frames and on real frames, and their differences in units of the spread among the real ones.
+//! Comparison with real frames: the same measures on frames and on real frames, and their differences in units of the spread among the real ones.
 //!
 //! Everything is found from the frames alone, by one algorithm for both sides: the sector ([`sector`]), its most uniform windows and its
-//! darkest ones ([`grain`]). Nothing knows of labels. [`MEASURES`] is the one table of what is measured.
+//! darkest ones ([`texture`]). Nothing knows of labels. [`MEASURES`] is the one table of what is measured.
 
-pub mod grain;
 mod measures;
 pub mod picture;
 mod report;
 pub mod sector;
+pub mod texture;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -15,9 +15,9 @@ use serde::Serialize;
 use crate::study::spread::percentile;
 use crate::study::statistics::{correlation, mean, std};
 use crate::volume::{At, VolumeError};
-use grain::{Grain, Patch, Window, dark_windows, uniform_windows};
 pub use measures::{MEASURES, Measure};
 use picture::Picture;
+use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
 
 /// Side of the uniform windows, pixels.
 pub const WINDOW: usize = 48;
@@ -36,24 +36,24 @@ const LAGS: usize = 16;
 /// Largest difference that counts as inside the spread of the real frames, standard deviations.
 pub const LIMIT: f64 = 2.0;
 
-/// What is measured of one frame before [`MEASURES`] make numbers of it.
+/// Measurements of one frame before [`MEASURES`] make numbers of it.
 pub struct Parts {
     /// Distance between rows and between columns, mm.
     mm: Option<[f64; 2]>,
     /// Grey levels in the sector, ascending.
     sector: Vec<f64>,
     /// Its most uniform windows.
-    uniform: Vec<Grain>,
+    uniform: Vec<Texture>,
     /// Its darkest windows.
-    dark: Vec<Grain>,
+    dark: Vec<Texture>,
     /// Spread of the means of blocks of 4 and 8 mm in uniform windows, dB.
     blocks_db: [Option<f64>; 2],
-    /// Share of what lies just below the array that is black.
+    /// Black share of the strip just below the array.
     empty: Option<f64>,
     /// Width of the boundary behind a dark region, pixels.
     edge: Option<f64>,
     /// Correlation with a neighbouring frame, of dark and of uniform windows.
-    still: [Option<f64>; 2],
+    frame_correlation: [Option<f64>; 2],
 }
 
 impl Parts {
@@ -87,8 +87,8 @@ impl Parts {
         let uniform = uniform_windows(picture, &mask, [WINDOW; 2], WINDOWS);
         let dark = dark_windows(picture, &mask, [DARK_WINDOW; 2], WINDOWS);
         let patch = |window: Window| Patch::of(&picture.grey, picture.width, window);
-        let grains = |windows: &[Window]| windows.iter().map(|&window| patch(window).grain()).collect();
-        let still = |windows: &[Window]| {
+        let textures = |windows: &[Window]| windows.iter().map(|&window| patch(window).texture()).collect();
+        let frame_correlation = |windows: &[Window]| {
             let neighbour = picture.neighbour.as_ref()?;
             average(windows.iter().map(|&window| {
                 let other = Patch::of(neighbour, picture.width, window);
@@ -110,12 +110,12 @@ impl Parts {
         Ok(Self {
             mm: picture.mm.map(|[x, y]| [y, x]),
             sector,
-            uniform: grains(&uniform),
-            dark: grains(&dark),
+            uniform: textures(&uniform),
+            dark: textures(&dark),
             blocks_db: [6, 3].map(spread_of),
             empty: sector::empty_share(picture, &mask, CONTACT_MM),
             edge: sector::edge_width(picture, &mask),
-            still: [still(&dark), still(&uniform)],
+            frame_correlation: [frame_correlation(&dark), frame_correlation(&uniform)],
         })
     }
 
@@ -160,7 +160,14 @@ impl FrameReport {
             histogram[*grey as usize / CLASS] += 1.0 / parts.sector.len() as f64;
         }
         let autocorrelation = |axis: usize| {
-            let at = |lag: usize| average(parts.uniform.iter().map(|grain| Some(grain.autocorrelation[axis][lag])));
+            let at = |lag: usize| {
+                average(
+                    parts
+                        .uniform
+                        .iter()
+                        .map(|texture| Some(texture.autocorrelation[axis][lag])),
+                )
+            };
             (0..=LAGS).map_while(at).collect()
         };
         Ok(Self {

@@ -445,7 +445,7 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 }
 
 /// Refuses a frame that the memory does not hold before any of it is taken: map, grey levels and bytes of its pixels, the copy
-/// that is handed out, and a position, an amplitude and a label a sample, and the clutter as it is made.
+/// that is handed out, a position, an amplitude and a label a sample, the clutter as it is made, and the rays of the aperture.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
     let planes = effects

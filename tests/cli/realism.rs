@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::support::Bench;
 
-/// A grey level of a linear sector of 160 x 120 pixels in a black frame of 200 x 150: coarse grain about a mean.
+/// A grey level of a linear sector of 160 x 120 pixels in a black frame of 200 x 150: coarse speckle about a mean.
 fn grey(x: u32, y: u32, mean: u32, seed: u32) -> u8 {
     if !(20..180).contains(&x) || !(15..135).contains(&y) {
         return 0;
@@ -108,7 +108,7 @@ fn colour_is_read_as_luminance_and_sequences_frame_by_frame() {
         "{frames:?}"
     );
     assert_eq!(frames[0]["mm_per_pixel"], serde_json::json!([0.1, 0.2]));
-    let still = measure(&report, "still_uniform")["frames"]["mean"]
+    let still = measure(&report, "frame_correlation_uniform")["frames"]["mean"]
         .as_f64()
         .expect("known");
     assert!(still.abs() < 0.1, "{still}");

@@ -44,7 +44,7 @@ pub struct SampleReport {
     pub label: LabelReport,
     /// The tissue's solid texture; none where it has none or the scene does without textures.
     pub texture: Option<TextureReport>,
-    /// Factor that speckle put on the amplitude.
+    /// Factor that speckle put on the amplitude, the echoes of surfaces and needles included, which interfere with it.
     pub speckle: Option<f64>,
     /// Share of the scan plane's thickness that the needle fills.
     pub needle_share: Option<f64>,
@@ -234,7 +234,10 @@ impl fmt::Display for SampleReport {
             writeln!(f, "texture         {}: x {:.4}", named(&texture.name), texture.value)?;
         }
         if let Some(factor) = self.speckle {
-            writeln!(f, "speckle         x {factor:.4}")?;
+            writeln!(
+                f,
+                "speckle         x {factor:.4}, with the echoes of surfaces and needles"
+            )?;
         }
         if let Some(share) = self.needle_share {
             writeln!(f, "needle          fills {share:.3} of the scan plane's thickness")?;

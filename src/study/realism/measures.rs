@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::grain::Grain;
 use super::sector::BLACK;
+use super::texture::Texture;
 use super::{Parts, average};
 use crate::study::statistics::{mean, skewness};
 
@@ -45,11 +45,11 @@ const AXIAL: usize = 0;
 const LATERAL: usize = 1;
 const RADIAL: usize = 2;
 
-fn uniform(parts: &Parts, of: impl Fn(&Grain) -> Option<f64>) -> Option<f64> {
+fn uniform(parts: &Parts, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
     average(parts.uniform.iter().map(of))
 }
 
-fn dark(parts: &Parts, of: impl Fn(&Grain) -> Option<f64>) -> Option<f64> {
+fn dark(parts: &Parts, of: impl Fn(&Texture) -> Option<f64>) -> Option<f64> {
     average(parts.dark.iter().map(of))
 }
 
@@ -342,23 +342,23 @@ pub const MEASURES: &[Measure] = &[
         |p| in_mm(p, AXIAL, p.edge),
     ),
     measure(
-        "still_dark",
+        "frame_correlation_dark",
         [
             "frame-to-frame correlation, dark",
             "",
             "correlation of dark windows with the next frame of a sequence",
         ],
         0.03,
-        |p| p.still[0],
+        |p| p.frame_correlation[0],
     ),
     measure(
-        "still_uniform",
+        "frame_correlation_uniform",
         [
             "frame-to-frame correlation, uniform",
             "",
             "correlation of uniform windows with the next frame of a sequence",
         ],
         0.03,
-        |p| p.still[1],
+        |p| p.frame_correlation[1],
     ),
 ];

@@ -1,6 +1,6 @@
 use std::f64::consts::{LN_2, PI, TAU};
 
-use super::grain::RANGE_DB;
+use super::texture::RANGE_DB;
 use super::*;
 use crate::random::{hash3, unit};
 
@@ -67,7 +67,7 @@ fn picture(width: usize, height: usize, grey: impl Fn(usize, usize) -> f64) -> P
     }
 }
 
-/// A linear sector of even grain, with a margin of constant black.
+/// A linear sector of even texture, with a margin of constant black.
 fn even(mean: f64, seed: u32) -> Picture {
     let noise = blurred(200, 160, [2.0, 1.0], seed);
     picture(200, 160, |x, y| match (10..190).contains(&x) && (8..150).contains(&y) {
@@ -86,10 +86,10 @@ fn near(what: &str, found: f64, expected: f64, tolerance: f64) {
 #[test]
 fn rayleigh_speckle_has_its_moments_and_widths() {
     let (side, sigma) = (128, [3.0, 1.5]);
-    let grains: Vec<Grain> = (0..8)
-        .map(|seed| patch(side, side, speckle(side, side, sigma, seed)).grain())
+    let textures: Vec<Texture> = (0..8)
+        .map(|seed| patch(side, side, speckle(side, side, sigma, seed)).texture())
         .collect();
-    let over = |of: &dyn Fn(&Grain) -> f64| mean(&grains.iter().map(of).collect::<Vec<f64>>());
+    let over = |of: &dyn Fn(&Texture) -> f64| mean(&textures.iter().map(of).collect::<Vec<f64>>());
     // A speckle cell has 4 pi sigma sigma pixels, so there are 8 * 128^2 / 56 = 2300: the standard error of the first is 0.028.
     near(
         "SNR before log",
@@ -122,7 +122,7 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
 
 #[test]
 fn white_noise_is_uncorrelated_and_flat() {
-    let grain = patch(
+    let texture = patch(
         160,
         160,
         blurred(160, 160, [0.0; 2], 5)[0]
@@ -130,45 +130,45 @@ fn white_noise_is_uncorrelated_and_flat() {
             .map(|n| 100.0 + 10.0 * n)
             .collect(),
     )
-    .grain();
+    .texture();
     // Standard error of a correlation of 160^2 pairs: 1/160.
     for axis in [0, 1] {
-        near("lag-1", grain.autocorrelation[axis][1], 0.0, 4.0 / 160.0);
-        near("GLCM correlation", grain.correlation[axis], 0.0, 4.0 / 160.0);
-        near("FWHM", grain.fwhm[axis].expect("a width"), 1.0, 0.05);
+        near("lag-1", texture.autocorrelation[axis][1], 0.0, 4.0 / 160.0);
+        near("GLCM correlation", texture.correlation[axis], 0.0, 4.0 / 160.0);
+        near("FWHM", texture.fwhm[axis].expect("a width"), 1.0, 0.05);
         // Differences of levels of 6/32 deviations have the variance 2 (32/6)^2, and each is rounded.
         near(
             "GLCM contrast",
-            grain.contrast[axis],
+            texture.contrast[axis],
             2.0 * (32.0f64 / 6.0).powi(2) + 1.0 / 6.0,
             1.5,
         );
     }
-    for slope in grain.slopes {
+    for slope in texture.slopes {
         near("slope", slope, 0.0, 0.15);
     }
-    near("std", grain.std, 10.0, 0.2);
-    near("skewness", grain.skewness, 0.0, 0.07);
-    near("SNR after log", grain.snr_log, 10.0, 0.2);
+    near("std", texture.std, 10.0, 0.2);
+    near("skewness", texture.skewness, 0.0, 0.07);
+    near("SNR after log", texture.snr_log, 10.0, 0.2);
     // Before log compression amplitudes are log-normal, of this standard deviation of their natural logarithm.
     let s = 10.0 * RANGE_DB / 255.0 / 20.0 * 10f64.ln();
-    near("SNR before log", grain.snr_linear, 1.0 / (s * s).exp_m1().sqrt(), 0.1);
-    near("Nakagami m", grain.nakagami, 1.0 / (4.0 * s * s).exp_m1(), 0.12);
+    near("SNR before log", texture.snr_linear, 1.0 / (s * s).exp_m1().sqrt(), 0.1);
+    near("Nakagami m", texture.nakagami, 1.0 / (4.0 * s * s).exp_m1(), 0.12);
 }
 
 #[test]
 fn blurred_noise_has_the_correlation_of_its_kernel() {
     let (sigma, side) = ([2.5, 1.2], 192);
-    let grain = patch(side, side, blurred(side, side, sigma, 3)[0].clone()).grain();
+    let texture = patch(side, side, blurred(side, side, sigma, 3)[0].clone()).texture();
     for (axis, sigma) in [(0, sigma[1]), (1, sigma[0])] {
         near(
             "lag-1",
-            grain.autocorrelation[axis][1],
+            texture.autocorrelation[axis][1],
             (-0.25 / (sigma * sigma)).exp(),
             0.02,
         );
         let width = 4.0 * sigma * LN_2.sqrt();
-        near("FWHM", grain.fwhm[axis].expect("a width"), width, 0.06 * width);
+        near("FWHM", texture.fwhm[axis].expect("a width"), width, 0.06 * width);
     }
     // The power along an axis is that of the kernel, exp(-(2 pi f sigma)^2); the Hann window keeps it from leaking.
     let frequencies: Vec<f64> = (1..side).map(|n| n as f64 / side as f64).collect();
@@ -176,12 +176,17 @@ fn blurred_noise_has_the_correlation_of_its_kernel() {
     let (x, y): (Vec<f64>, Vec<f64>) = inside
         .map(|f| (f.log10(), -(TAU * f * sigma[1]).powi(2) / 10f64.ln()))
         .unzip();
-    near("slope", grain.slopes[0], crate::study::statistics::slope(&x, &y), 0.15);
-    assert!(grain.slopes[1] < grain.slopes[0] - 1.0, "{:?}", grain.slopes);
+    near(
+        "slope",
+        texture.slopes[0],
+        crate::study::statistics::slope(&x, &y),
+        0.15,
+    );
+    assert!(texture.slopes[1] < texture.slopes[0] - 1.0, "{:?}", texture.slopes);
 }
 
 #[test]
-fn a_ramp_is_trend_and_no_grain() {
+fn a_ramp_is_trend_and_no_texture() {
     let ramp = patch(
         48,
         48,
@@ -278,18 +283,18 @@ fn dark_windows_are_found_in_fluid() {
         let n = noise[0][y * 240 + x];
         match ((20..110).contains(&x), (60..140).contains(&y)) {
             (true, true) => 12.0 + 4.0 * n,
-            // Sparse specks on black, 30 % of the pixels, are no grain.
+            // Sparse specks on black, 30 % of the pixels, are no texture.
             (false, true) if (130..220).contains(&x) => 8.0 * f64::from(u8::from(normal(x, y, 9)[0] > 0.5244)),
             _ => 110.0 + 15.0 * n,
         }
     });
     let parts = Parts::of(&frame).expect("parts");
     assert!(parts.dark.len() >= 2);
-    for grain in &parts.dark {
-        near("dark mean", grain.mean, 12.0, 2.0);
+    for texture in &parts.dark {
+        near("dark mean", texture.mean, 12.0, 2.0);
         near(
             "lag-1 lateral",
-            grain.autocorrelation[1][1],
+            texture.autocorrelation[1][1],
             (-0.25f64 / 9.0).exp(),
             0.05,
         );
@@ -384,7 +389,7 @@ fn neighbours_of_a_sequence_are_correlated() {
             neighbour: Some(even(80.0, seed).grey),
             ..even(80.0, 1)
         };
-        let still = Parts::of(&frame).expect("parts").still;
+        let still = Parts::of(&frame).expect("parts").frame_correlation;
         near("uniform", still[1].expect("windows"), expected, 0.1);
         assert_eq!(still[0], None);
     }

@@ -91,3 +91,36 @@ fn the_depths_tried_hold_every_echo() {
         }
     }
 }
+
+#[test]
+fn a_bevel_is_twice_as_loud_and_grains_have_the_spread_that_is_stated() {
+    let numbers = |roughness: f64| Params {
+        steady: (1.0 - roughness).sqrt() as f32,
+        diffuse: roughness.sqrt() as f32,
+        seed: [7, 9],
+        ..Zeroable::zeroed()
+    };
+    // A needle of 100 mm along x whose tip is at x = 100, and a seed like it.
+    let [needle, seed] = [0.0, 1.0].map(|number| {
+        Shaft::<f64>::new([
+            [0.0, 20.0, 0.0, 0.6],
+            [100.0, 20.0, 0.0, 1.2],
+            [100.0, 0.0, number, 0.5],
+        ])
+    });
+    let even = numbers(0.0);
+    assert_eq!(needle.grain(98.0, 20.0, &even), [2.0 * 0.5, 0.0]);
+    assert_eq!(needle.grain(96.0, 20.0, &even), [0.5, 0.0]);
+    assert_eq!(seed.grain(98.0, 20.0, &even), [0.5, 0.0]);
+    let own = numbers(crate::effects::needle::NeedleEcho::default().roughness);
+    let db: Vec<f64> = (0..20_000)
+        .map(|at| {
+            let long = Shaft::new([[0.0, 20.0, 0.0, 0.6], [1e5, 20.0, 0.0, 1.2], [1e5, 0.0, 1.0, 1.0]]);
+            let [re, im] = long.grain(f64::from(at) * 4.7, 20.0, &own);
+            20.0 * re.hypot(im).log10()
+        })
+        .collect();
+    let mean = db.iter().sum::<f64>() / db.len() as f64;
+    let spread = (db.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / db.len() as f64).sqrt();
+    assert!((spread - 3.0).abs() < 0.2, "{spread} dB");
+}

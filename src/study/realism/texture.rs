@@ -1,4 +1,4 @@
-//! Statistics of the grain in rectangles of grey levels: first order, second order, and by frequency.
+//! Statistics of the texture in rectangles of grey levels: first order, second order, and by frequency.
 
 use std::f64::consts::TAU;
 
@@ -30,7 +30,7 @@ pub struct Patch {
     pub values: Vec<f64>,
 }
 
-/// Where a window lies: its first column and row, its columns and rows.
+/// A window of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// First column.
@@ -43,9 +43,9 @@ pub struct Window {
     pub height: usize,
 }
 
-/// What is measured of a window; pairs are axial (along columns), lateral (along rows).
+/// Texture statistics of a window; pairs are axial (along columns), lateral (along rows).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Grain {
+pub struct Texture {
     /// Mean grey level.
     pub mean: f64,
     /// Standard deviation of the grey levels, a trend removed.
@@ -203,7 +203,7 @@ impl Patch {
     }
 
     /// Everything that is measured of a window.
-    pub fn grain(&self) -> Grain {
+    pub fn texture(&self) -> Texture {
         let even = self.detrended();
         let (middle, spread) = (mean(&even.values), std(&even.values));
         let amplitude: Vec<f64> = even
@@ -219,7 +219,7 @@ impl Patch {
             (0..self.width).map(|lag| even.autocorrelation([lag, 0])).collect(),
         ];
         let [axial, lateral] = [self.co_occurrence([0, 1]), self.co_occurrence([1, 0])];
-        Grain {
+        Texture {
             mean: middle,
             std: spread,
             skewness: skewness(&even.values),
@@ -356,7 +356,7 @@ pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most:
     first_apart(windows.map(chosen_by).collect(), most, apart)
 }
 
-/// The darkest windows of a size in the sector that show grain: of a mean below half that of the sector, a standard deviation of a grey
+/// The darkest windows of a size in the sector that show texture: of a mean below half that of the sector, a standard deviation of a grey
 /// level at least, at most half of them black, and the unevenness of [`uniform_windows`] at most 1; they do not overlap.
 pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
