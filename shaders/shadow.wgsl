@@ -1,6 +1,6 @@
 // Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
 // likewise, and the mean over the rays. Then the mean over the beam of what that lets through. Twin of src/effects/shadow.rs,
-// src/effects/shadow/aperture.rs and src/effects/shadow/penumbra.rs.
+// src/effects/shadow/aperture.rs, penumbra.rs and reverberation.rs.
 struct Params {
     lines: u32,
     samples: u32,
@@ -9,7 +9,9 @@ struct Params {
     needle_units: f32,
     exponent: f32,
     opens: u32,
-    unused: u32,
+    reverberation: f32,
+    spacing: f32,
+    spreading: f32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -33,6 +35,12 @@ struct Params {
 @group(0) @binding(3) var<storage, read> one_way: array<f32>;
 @group(0) @binding(4) var<storage, read> weights: array<f32>;
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
+
+// Of the reverberation.
+@group(0) @binding(3) var<storage, read_write> found: array<u32>;
+@group(0) @binding(1) var<storage, read> tops: array<u32>;
+@group(0) @binding(2) var<storage, read> losses_down: array<u32>;
+@group(0) @binding(3) var<storage, read_write> echoes: array<f32>;
 
 const MOST_UNITS = 0x7fffffffu;
 const THREADS = 256u;
@@ -248,4 +256,56 @@ fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
         left = min(left, one_way[index]);
     }
     amplitudes[index] *= left * left;
+}
+
+// The first opaque sample of each scanline below others.
+@compute @workgroup_size(64)
+fn reflectors(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.lines {
+        return;
+    }
+    let line = id.x * params.samples;
+    var top = 0u;
+    while top < params.samples && tissue_loss(line + top) < params.opaque_units {
+        top++;
+    }
+    found[id.x] = select(top, params.samples, top == 0u);
+}
+
+const NEIGHBOUR = 6u;
+
+// What a repeat leaves for the tilt of the reflector.
+fn directivity(line: u32, top: u32) -> f32 {
+    var first = line - min(line, NEIGHBOUR);
+    var last = min(line + NEIGHBOUR, params.lines - 1u);
+    first = select(first, line, tops[first] >= params.samples);
+    last = select(last, line, tops[last] >= params.samples);
+    if first == last {
+        return 1.0;
+    }
+    let across = f32(last - first) * (params.spacing + params.spreading * f32(top));
+    let slope = (f32(tops[last]) - f32(tops[first])) / across;
+    let square = slope * slope;
+    let cos2 = 1.0 / (1.0 + square);
+    let twice = max((1.0 - square) * cos2, 0.0);
+    return cos2 * cos2 * twice * twice * twice * twice;
+}
+
+// Each invocation has the samples that are repeats of each other.
+@compute @workgroup_size(64)
+fn reverberation(@builtin(global_invocation_id) id: vec3<u32>) {
+    let top = tops[id.y];
+    if top >= params.samples || id.x >= top {
+        return;
+    }
+    let row = id.y * params.samples;
+    let above = exp2(f32(losses_down[row + top - 1u]) * 2.0 * params.exponent);
+    let gain = params.reverberation * above * directivity(id.y, top);
+    var echo = echoes[row + id.x];
+    for (var sample = id.x + top; sample < params.samples; sample += top) {
+        let own = echoes[row + sample];
+        let again = gain * echo;
+        echo = sqrt(own * own + again * again);
+        echoes[row + sample] = echo;
+    }
 }

@@ -7,7 +7,6 @@ mod abdomen;
 mod dent;
 mod geometry;
 mod liver_vein;
-mod noise;
 mod paint;
 mod prostate;
 mod spine;

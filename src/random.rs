@@ -3,6 +3,8 @@
 //! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano, "Hash Functions for
 //! GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on GPUs.
 
+pub(crate) mod noise;
+
 /// A 64-bit seed folded to the two 32-bit words that the hashes take.
 pub fn seed_words(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]

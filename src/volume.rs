@@ -6,6 +6,7 @@
 mod caret;
 pub mod complete;
 mod data;
+mod distance;
 pub(crate) mod element;
 mod error;
 pub(crate) mod header;
@@ -18,6 +19,7 @@ mod nrrd;
 mod nrrd_space;
 mod save;
 mod segments;
+pub mod structures;
 mod text;
 pub mod texture;
 
@@ -68,6 +70,8 @@ pub struct LabelVolume {
     voxels: Arc<Vec<u8>>,
     labels: Vec<Label>,
     held: Vec<bool>,
+    /// The label that each is a structure within, or itself.
+    within: Vec<u8>,
     index_to_world: Matrix4<f64>,
     world_to_index: Matrix4<f64>,
 }
@@ -147,6 +151,7 @@ impl LabelVolume {
         Ok(Self {
             size,
             voxels: Arc::new(voxels),
+            within: (0..=255).take(labels.len()).collect(),
             labels,
             held,
             world_to_index: inverse(&index_to_world)?,
@@ -187,6 +192,22 @@ impl LabelVolume {
     /// Whether any voxel has a label index. [`Label::voxels`] does not tell: it counts what a file held.
     pub fn holds(&self, label_index: usize) -> bool {
         self.held.get(label_index).is_some_and(|&held| held)
+    }
+
+    /// The label that a label is a structure within, such as the liver of its vessels; itself where it is none. Meshes and needles know the
+    /// latter only.
+    pub fn within(&self, label_index: u8) -> u8 {
+        self.within
+            .get(usize::from(label_index))
+            .copied()
+            .unwrap_or(label_index)
+    }
+
+    /// States which labels are structures within others: pairs of label indices.
+    pub(crate) fn set_within(&mut self, structures: &[(u8, u8)]) {
+        for &(structure, within) in structures {
+            self.within[usize::from(structure)] = self.within[usize::from(within)];
+        }
     }
 
     /// Names a label.

@@ -75,6 +75,8 @@ pub enum Resource {
     ApertureShifts,
     /// Per ray, element and sample: what occluders on it let through, one way (`f32`).
     Through,
+    /// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
+    Reflectors,
     /// Per sample: power of acoustic clutter and ring-down (`f32`).
     Clutter,
     /// Per sample depth: linear gain (`f32`).

@@ -6,7 +6,7 @@
 //! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
 //! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
 //! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its
-//! share of it. Shadows of bone, air and the needle
+//! share of it. In the shadow lie the repeats of what is above it (`reverberation`). Shadows of bone, air and the needle
 //! shaft by casting rays: Zhu et al. 2007, section 2.4.
 
 use bytemuck::{Pod, Zeroable};
@@ -23,6 +23,7 @@ use crate::tissue::Tissue;
 
 pub mod aperture;
 pub mod penumbra;
+pub mod reverberation;
 
 /// Attenuation and shadows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -41,6 +42,9 @@ pub struct Shadow {
     /// between the 2 to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the
     /// scanlines.
     pub f_number: f64,
+    /// Share of an echo's amplitude that comes back once more between the first bone, gas or lung of a scanline and the face of the array, before
+    /// attenuation (0 to 1). 0 repeats nothing.
+    pub reverberation: f64,
 }
 
 impl Default for Shadow {
@@ -51,6 +55,7 @@ impl Default for Shadow {
             needle_db_mm: 8.0,
             beam_mm: 3.0,
             f_number: 4.0,
+            reverberation: 0.35,
         }
     }
 }
@@ -72,6 +77,7 @@ impl Shadow {
     pub fn validate(&self) -> Result<(), OutOfRange> {
         within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
         within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
+        within("shadow.reverberation", self.reverberation, 0.0..=1.0)?;
         if self.f_number == 0.0 {
             return Ok(());
         }
@@ -98,11 +104,25 @@ pub fn units(db: f64) -> u32 {
 pub const EFFECT: Effect = Effect {
     name: "shadow",
     wanted,
-    passes: |tables| match (opens(tables), super::needle::present(tables)) {
-        (false, false) => &[TISSUE, PENUMBRA],
-        (false, true) => &[TISSUE_AND_NEEDLE, PENUMBRA],
-        (true, false) => &[TISSUE, RAYS, APERTURE, PENUMBRA],
-        (true, true) => &[TISSUE_AND_NEEDLE, RAYS_AND_NEEDLE, APERTURE, PENUMBRA],
+    passes: |tables| {
+        let needle = super::needle::present(tables);
+        match (opens(tables), needle, reverberation::repeats(tables)) {
+            (false, false, false) => &[TISSUE, PENUMBRA],
+            (false, true, false) => &[TISSUE_AND_NEEDLE, PENUMBRA],
+            (true, false, false) => &[TISSUE, RAYS, APERTURE, PENUMBRA],
+            (true, true, false) => &[TISSUE_AND_NEEDLE, RAYS_AND_NEEDLE, APERTURE, PENUMBRA],
+            (false, false, true) => &[TISSUE, PENUMBRA, REFLECTORS, REVERBERATION],
+            (false, true, true) => &[TISSUE_AND_NEEDLE, PENUMBRA, REFLECTORS, REVERBERATION],
+            (true, false, true) => &[TISSUE, RAYS, APERTURE, PENUMBRA, REFLECTORS, REVERBERATION],
+            (true, true, true) => &[
+                TISSUE_AND_NEEDLE,
+                RAYS_AND_NEEDLE,
+                APERTURE,
+                PENUMBRA,
+                REFLECTORS,
+                REVERBERATION,
+            ],
+        }
     },
 };
 
@@ -225,6 +245,30 @@ const PENUMBRA: Pass = Pass {
     cpu_f64: penumbra::run::<f64>,
 };
 
+const REFLECTORS: Pass = Pass {
+    name: "shadow_reflectors",
+    shader: SHADER,
+    entry: "reflectors",
+    bindings: &[(Label, Read), (LabelRows, Read), (Reflectors, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.lines(), 64), 1, 1],
+    flips: false,
+    cpu: reverberation::reflectors::<f32>,
+    cpu_f64: reverberation::reflectors::<f64>,
+};
+
+const REVERBERATION: Pass = Pass {
+    name: "reverberation",
+    shader: SHADER,
+    entry: "reverberation",
+    bindings: &[(Reflectors, Read), (Loss, Read), (Amplitude, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: reverberation::run::<f32>,
+    cpu_f64: reverberation::run::<f64>,
+};
+
 fn wanted(tables: &Tables) -> Verdict {
     let Some(shadow) = &tables.settings.effects.shadow else {
         return Err("the scene names no shadow".into());
@@ -262,12 +306,19 @@ pub struct Params {
     pub exponent: f32,
     /// 1 where what occludes is left to the rays of the aperture.
     pub opens: u32,
+    /// Share of an echo that comes back once more, before attenuation.
+    pub reverberation: f32,
+    /// Distance between scanlines at the array, in sample distances.
+    pub spacing: f32,
+    /// What it grows by from sample to sample.
+    pub spreading: f32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
+    pub unused: [u32; 2],
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
+    let [spacing, spreading] = reverberation::spacing(tables).map(|x| x as f32);
     ParamBlock::of(&Params {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
@@ -276,7 +327,10 @@ fn params(view: &View, _: Band) -> ParamBlock {
         needle_units: needle_units(tables),
         exponent: (0.5 * exponent_per_unit()) as f32,
         opens: u32::from(opens(tables)),
-        unused: 0,
+        reverberation: reverberation::share(tables) as f32,
+        spacing,
+        spreading,
+        unused: [0; 2],
     })
 }
 

@@ -4,9 +4,9 @@
 use nalgebra::Matrix4;
 
 use super::geometry::{Block, Bounds, Ellipsoid, Point, Shape, Solid, Tube, Uneven, path, smooth_max, step};
-use super::noise::Noise;
 use super::paint::{Over, Painting};
 use super::{PhantomError, pose_at};
+use crate::random::noise::Noise;
 use crate::volume::LabelVolume;
 
 pub(super) mod labels {

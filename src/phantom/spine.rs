@@ -6,9 +6,9 @@ use nalgebra::Matrix4;
 
 use super::dent::Dent;
 use super::geometry::{Bounds, Point, path, step};
-use super::noise::Noise;
 use super::paint::{Over, Painting};
 use super::{PhantomError, pose_at};
+use crate::random::noise::Noise;
 use crate::volume::LabelVolume;
 
 pub(super) mod labels {

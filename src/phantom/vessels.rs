@@ -4,7 +4,7 @@
 //! PNAS 12, 1926).
 
 use super::geometry::{Point, Shape, Tube, frame};
-use super::noise::choice;
+use crate::random::noise::choice;
 
 /// What a tree grows in.
 pub(super) struct Growth<'a> {

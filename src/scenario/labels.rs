@@ -34,7 +34,8 @@ impl Labels {
         let interactions: BTreeMap<_, _> = interactions.iter().copied().collect();
         let region = |value: i64| i32::try_from(value).ok().filter(|it| interactions.contains_key(it));
         let regions = volume.labels().iter().enumerate();
-        let regions = regions.map(|(at, label)| region(label.value).filter(|_| at > 0));
+        let value = |at: usize| volume.labels()[usize::from(volume.within(at as u8))].value;
+        let regions = regions.map(|(at, _)| region(value(at)).filter(|_| at > 0));
         Labels {
             regions: regions.collect(),
             volume: Arc::clone(volume),

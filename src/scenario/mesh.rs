@@ -112,7 +112,8 @@ impl ScenarioFile {
         let mut held = [false; 256];
         labels.iter().for_each(|label| held[usize::from(*label)] = true);
         let mut wanted = Vec::new();
-        for (index, label) in volume.labels().iter().enumerate().skip(1) {
+        for index in 1..volume.labels().len() {
+            let label = &volume.labels()[usize::from(volume.within(index as u8))];
             let Ok(number) = i32::try_from(label.value) else {
                 let found = format!("label {}, which cannot be the number of a region", label.value);
                 return Err(self.wrong_keys("scene", found, "label values of 32 bits"));

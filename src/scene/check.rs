@@ -108,6 +108,8 @@ impl SceneFile {
         let for_files = [
             ("names", volume.names.is_some()),
             ("unlabelled", volume.unlabelled.is_some()),
+            ("ct", volume.ct.is_some()),
+            ("structures", volume.structures.is_some()),
             ("muscle_mm", volume.muscle_mm.is_some()),
             ("fat_mm", volume.fat_mm.is_some()),
             ("skin_mm", volume.skin_mm.is_some()),
@@ -116,6 +118,15 @@ impl SceneFile {
             Some(_) => (&for_files, "a phantom", "only keys that mean something for a phantom"),
             None => (&for_phantoms, "a file", "only keys that mean something for a file"),
         };
+        let by_ct = [
+            ("unlabelled", volume.unlabelled.is_some()),
+            ("muscle_mm", volume.muscle_mm.is_some()),
+            ("fat_mm", volume.fat_mm.is_some()),
+        ];
+        if let (Some(_), Some((key, _))) = (&volume.ct, by_ct.iter().find(|(_, given)| *given)) {
+            let found = format!("`{key}` with `ct`, which says where muscle and fat are");
+            return Err(self.wrong_keys(format!("volume.{key}"), found, "one of them"));
+        }
         match idle.iter().find(|(_, given)| *given) {
             Some((key, _)) => Err(self.wrong_keys(format!("volume.{key}"), format!("`{key}` with {with}"), expected)),
             None => Ok(volume),

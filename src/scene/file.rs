@@ -113,6 +113,14 @@ pub struct VolumeSpec {
     /// the labels describe one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlabelled: Option<Unlabelled>,
+    /// File only: the CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). What is unlabelled in the body is then gas, fat,
+    /// muscle, soft tissue or bone by its grey value, gas in the bowel is gas, and vessels of the liver are drawn that contrast agent shows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ct: Option<PathBuf>,
+    /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys, chambers
+    /// of the heart, fat around the kidneys and in soft tissue. They are imaged; meshes and needles know the organs alone. Default true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structures: Option<bool>,
     /// File only: thickness of the muscle that `auto` adds under the fat, mm (0 to 100). Default 8.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub muscle_mm: Option<f64>,

@@ -27,9 +27,9 @@ use crate::tracking::pose::Pose;
 use crate::tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use crate::tracking::trajectory::Trajectory;
 use crate::tracking::world::World;
-use crate::volume::complete::{CompleteOptions, CompletionError, complete};
+use crate::volume::complete::{CompleteOptions, CompletionError, complete, with_ct};
 use crate::volume::texture::{InvalidTexture, SolidTexture, TextureOptions};
-use crate::volume::{LabelVolume, load_scalar};
+use crate::volume::{LabelVolume, load_scalar, structures};
 
 impl SceneFile {
     /// Loads or makes everything that the scene names, fills in what it leaves open and checks it all. Relative paths start
@@ -186,18 +186,33 @@ impl SceneFile {
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };
-        let completed = complete(&opened.volume, &options).map_err(|error| {
+        let fault = |error: CompletionError| {
             let key = match &error {
                 CompletionError::Thickness { layer, .. } => format!("volume.{layer}_mm"),
+                CompletionError::Elsewhere(_) => "volume.ct".to_owned(),
                 CompletionError::Volume(_) => "volume.file".to_owned(),
             };
             self.fault(key, error)
-        })?;
+        };
+        let completed = match &spec.ct {
+            Some(ct) => with_ct(
+                &opened.volume,
+                &load_scalar(&base.join(ct)).at(self, "volume.ct")?,
+                &options,
+            ),
+            None => complete(&opened.volume, &options),
+        }
+        .map_err(fault)?;
         notes.push(completed.note);
         if spec.unlabelled.is_none() {
             warnings.extend(completed.warning);
         }
-        Ok(completed.volume)
+        if !spec.structures.unwrap_or(true) {
+            return Ok(completed.volume);
+        }
+        let structured = structures::add(&completed.volume).map_err(|error| fault(error.into()))?;
+        notes.extend(structured.note);
+        Ok(structured.volume)
     }
 
     /// The table that places the probe in the world, and the axes in which it does.

@@ -39,6 +39,8 @@ pub struct Store<T> {
     pub loss: Vec<u32>,
     /// [`Resource::Through`].
     pub through: Vec<T>,
+    /// [`Resource::Reflectors`].
+    pub reflectors: Vec<u32>,
     /// [`Resource::AutoGain`], from the bands to each sample depth.
     pub auto_gain: Vec<T>,
     /// [`Resource::Image`].
@@ -69,6 +71,7 @@ impl<T: Real> Store<T> {
         resize(&mut self.needle_mask, count(Resource::NeedleMask, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(Resource::Loss, beam), 0);
         resize(&mut self.through, count(Resource::Through, RAYS * beam), T::zero());
+        resize(&mut self.reflectors, count(Resource::Reflectors, tables.lines()), 0);
         resize(
             &mut self.auto_gain,
             count(Resource::AutoGain, tables.samples()),
@@ -98,7 +101,7 @@ impl<T: Real> Store<T> {
             + self.image.capacity();
         scalars * size_of::<T>()
             + self.position.capacity() * size_of::<[T; 4]>()
-            + (self.element.capacity() + self.loss.capacity()) * size_of::<u32>()
+            + (self.element.capacity() + self.loss.capacity() + self.reflectors.capacity()) * size_of::<u32>()
             + self.label.capacity()
             + self.pixels.capacity()
             + self.segments.capacity() * size_of::<Segment<f64>>()

@@ -345,6 +345,7 @@ impl Tables {
                 .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
             Resource::AmplitudeNext | Resource::Loss | Resource::Clutter => beam * 4,
             Resource::ApertureShifts => size_of_val(self.aperture.as_slice()) as u64,
+            Resource::Reflectors => self.lines() as u64 * 4,
             Resource::Through => beam * 4 * RAYS as u64,
             Resource::NeedleMask | Resource::Specular => beam * 8,
             Resource::Scatter | Resource::ScatterAxial => fine * 8,

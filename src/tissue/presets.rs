@@ -10,7 +10,8 @@
 //!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded to
 //!   what B-mode frames show. Fluids sit near the floor of a 60 dB display: what is seen in them is clutter.
 //! - Capsules and walls: no measurement at hand; 0.06 shows as some 10 dB above liver where the beam is square to it, as the capsules of
-//!   liver and kidney do in clinical frames. A vessel in an organ has half of that, between the walls of portal and of hepatic veins.
+//!   liver and kidney do in clinical frames. A vessel in an organ has half of that, between the walls of portal
+//!   branches, which have twice as much, and of hepatic veins, which have none. The middle one of the flat muscles carries the fasciae between them.
 //! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang,
 //!   J. R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
 //!   Poisson's ratio stands for near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
@@ -38,6 +39,8 @@ pub fn all() -> &'static [Tissue] {
 const ACROSS_LAYERS: [f64; 3] = [0.06, 1.0, 0.08];
 /// Fibres of the muscles of the abdominal wall, between the transverse and the oblique course.
 const ABDOMINAL_FIBRES: [f64; 3] = [0.92, 0.08, 0.38];
+/// Fibres of the internal oblique muscle, which cross those.
+const INTERNAL_FIBRES: [f64; 3] = [0.5, 0.06, -0.86];
 /// Fibres of the muscles along the spine.
 const PARASPINAL_FIBRES: [f64; 3] = [0.12, 0.1, 0.99];
 
@@ -110,6 +113,7 @@ static PRESETS: &[Tissue] = &[
     row("epidural_fat",           0xd8b44c, "fat",                 [4.0,    0.6,  0.0,  1.38],   [2.5,    0.49,  0.006, 0.2]).scaled(0.6),
     row("muscle",                 0xa8483c, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(ABDOMINAL_FIBRES),
     row("muscle_paraspinal",      0x9a3f36, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [14.0,   0.49,  0.02,  0.9]).along(PARASPINAL_FIBRES),
+    row("muscle_internal",        0xb4564a, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(INTERNAL_FIBRES).within(1.5 * CAPSULE),
     row("fascia",                 0xe8dcc8, "fascia",              [11.0,   1.57, 0.0,  1.81],   [300.0,  0.48,  0.06,  3.0]).along(ACROSS_LAYERS),
     row("ligament",               0xd8ccb0, "fascia",              [8.0,    2.5,  0.0,  1.84],   [500.0,  0.48,  0.08,  4.0]).along(ACROSS_LAYERS),
     row("capsule",                0xf0e6d8, "",                    [10.0,   1.57, 0.0,  1.80],   [100.0,  0.49,  0.04,  1.5]),
@@ -121,6 +125,9 @@ static PRESETS: &[Tissue] = &[
     row("liver",                  0x8a4030, "liver",               [0.0,    0.5,  0.0,  1.66],   [5.0,    0.49,  0.02,  0.94]).within(CAPSULE).organ(),
     row("lesion",                 0xb05a8c, "lesion",              [-9.0,   0.6,  0.0,  1.66],   [25.0,   0.49,  0.03,  1.3]).within(CAPSULE),
     row("vessel",                 0x3c50b4, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(1.5 * CAPSULE),
+    row("hepatic_vein",           0x3448a0, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(CAPSULE),
+    row("portal_branch",          0x4c64cc, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(3.0 * CAPSULE),
+    row("blood",                  0xb02848, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("vessel_wall",            0xc05060, "",                    [8.0,    1.57, 0.0,  1.70],   [300.0,  0.49,  0.03,  1.2]),
     row("bile",                   0x5c8c3c, "bile",                [-66.0,  0.05, 0.0,  1.54],   [0.5,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("gallbladder_wall",       0x7ca858, "",                    [8.0,    0.8,  0.0,  1.64],   [50.0,   0.49,  0.02,  1.0]),
@@ -148,7 +155,7 @@ static PRESETS: &[Tissue] = &[
     row("urine",                  0xd8d050, "",                    [-70.0,  0.01, 0.0,  1.53],   [0.5,    0.495, 0.0,   0.0]).within(CAPSULE),
     row("rectum_wall",            0xb87858, "bowel",               [-1.0,   0.8,  0.0,  1.63],   [20.0,   0.49,  0.02,  1.0]).scaled(0.5),
     row("gel",                    0x88c8d8, "gel",                 [-62.0,  0.01, 0.0,  1.50],   [1.0,    0.49,  0.0,   0.0]),
-    row("soft_tissue",            0xb89080, "soft_tissue",         [3.0,    0.6,  0.0,  1.50],   [8.0,    0.49,  0.015, 0.8]),
+    row("soft_tissue",            0xb89080, "soft_tissue",         [-4.0,   0.6,  0.0,  1.50],   [8.0,    0.49,  0.015, 0.8]),
     row("phantom_top",            0x90a890, "gel",                 [-3.0,   0.5,  0.0,  1.60],   [10.0,   0.49,  0.02,  0.5]),
     row("phantom_bottom",         0x6c8c98, "gel",                 [-8.0,   0.5,  0.0,  1.60],   [20.0,   0.49,  0.02,  0.8]),
     row("phantom_inclusion",      0xc89050, "gel",                 [6.0,    0.7,  0.0,  1.65],   [33.0,   0.49,  0.04,  1.5]),

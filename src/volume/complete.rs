@@ -2,15 +2,21 @@
 //!
 //! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all directions, and the outline
 //! is smoothed. The voxels without a label inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin
-//! around them. Around few organs without bones that is no trunk, which [`Completed::warning`] says.
+//! around them. Around few organs without bones that is no trunk, which [`Completed::warning`] says. Where the CT is at hand, unlabelled voxels
+//! are what its grey values say ([`with_ct`]).
 
+mod ct;
 mod outline;
 
 use rayon::prelude::*;
 
+use nalgebra::Point3;
+
 use super::{InvalidVolume, Label, LabelVolume};
+use crate::random::noise::Noise;
 use crate::text::some_of;
 use crate::tissue::known;
+pub use ct::with_ct;
 use outline::Outline;
 
 /// Spacing of the grid on which the outline of the body is found, mm.
@@ -25,7 +31,20 @@ pub const LEAST_MM: f64 = 3.0;
 pub const THICKEST_MM: f64 = 100.0;
 
 /// Names and usual values of the labels that are appended, from the inside outwards.
-const LAYERS: [(&str, i64); 4] = [("soft_tissue", 202), ("muscle", 205), ("fat", 201), ("skin", 204)];
+const LAYERS: [(&str, i64); 5] = [
+    ("soft_tissue", 202),
+    ("muscle", 205),
+    ("muscle_internal", 212),
+    ("fat", 201),
+    ("skin", 204),
+];
+/// Unevenness of muscle and fat: the largest departure from their thickness, as a share of it, and the length over which it changes, mm. Set
+/// by eye; the skin stays where an even layer would put it.
+const UNEVEN: f64 = 0.35;
+const UNEVEN_MM: f64 = 40.0;
+/// Depths below the fat at which the middle one of three flat muscles begins and ends, as shares of the thickness: external oblique, internal
+/// oblique and transversus measure about 40, 25 and 35 % here.
+const MIDDLE_MUSCLE: [f64; 2] = [0.4, 0.65];
 /// Organs from which on a body is closed around labels without bones and without doubt.
 const ENOUGH_ORGANS: usize = 8;
 
@@ -146,6 +165,9 @@ pub enum CompletionError {
         /// What was asked for, mm.
         found: f64,
     },
+    /// The CT lies elsewhere: the share of the labelled voxels that it covers.
+    #[error("the CT covers {:.0} % of the labelled voxels; expected the CT that was segmented, at its own place", 100.0 * .0)]
+    Elsewhere(f64),
     /// There is no room for the labels of the body.
     #[error(transparent)]
     Volume(#[from] InvalidVolume),
@@ -210,44 +232,57 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         return Ok(unchanged("no voxel is labelled: nothing was filled"));
     };
     let mut labels = volume.labels().to_vec();
-    let body = LAYERS.map(|(name, value)| body_label(&mut labels, name, value));
+    let body = LAYERS.map(|(name, value)| label(&mut labels, name, value));
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
     let mut voxels = volume.voxels().to_vec();
     let [nx, ny, _] = volume.size();
+    let to_world = volume.index_to_world();
+    let [fat_noise, muscle_noise] = [23, 24].map(|stream| Noise::new(0, stream, UNEVEN_MM));
+    let deepest = -(1.0 + UNEVEN) * options.muscle_mm - UNEVEN * options.fat_mm;
     let counts = voxels
         .par_chunks_mut(nx)
         .enumerate()
         .map(|(row, line)| {
-            let mut count = [0u64; 4];
+            let mut count = [0u64; 5];
             let [j, k] = [row % ny, row / ny];
-            outline.along_row(j, k, line, |voxel, distance| {
-                let layer = if distance <= -options.muscle_mm {
+            outline.along_row(j, k, line, |voxel, i, distance| {
+                let layer = if distance <= deepest {
                     0
-                } else if distance <= 0.0 {
-                    1
-                } else if distance <= options.fat_mm {
-                    2
-                } else if distance <= options.fat_mm + skin_mm {
-                    3
-                } else {
+                } else if distance > options.fat_mm + skin_mm {
                     return;
+                } else if distance > options.fat_mm {
+                    4
+                } else {
+                    let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                    let below = UNEVEN * options.fat_mm * fat_noise.at(&at.coords) - distance;
+                    let thickness = options.muscle_mm * (1.0 + UNEVEN * muscle_noise.at(&at.coords));
+                    if below < 0.0 {
+                        3
+                    } else if below >= thickness {
+                        0
+                    } else if (MIDDLE_MUSCLE[0]..MIDDLE_MUSCLE[1]).contains(&(below / thickness)) {
+                        2
+                    } else {
+                        1
+                    }
                 };
                 *voxel = body[layer];
                 count[layer] += 1;
             });
             count
         })
-        .reduce(|| [0; 4], |a, b| [0, 1, 2, 3].map(|i| a[i] + b[i]));
+        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]));
     let filled = Filled {
         soft_tissue: counts[0],
-        muscle: counts[1],
-        fat: counts[2],
-        skin: counts[3],
+        muscle: counts[1] + counts[2],
+        fat: counts[3],
+        skin: counts[4],
     };
     let warning = shell(volume.labels());
-    let volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    volume.set_within(&[(body[2], body[1])]);
     let note = note(&volume, options, skin_mm, &filled, &outline, &body);
     Ok(Completed {
         volume,
@@ -264,11 +299,11 @@ fn note(
     skin_mm: f64,
     filled: &Filled,
     outline: &Outline,
-    body: &[u8; 4],
+    body: &[u8; 5],
 ) -> String {
     let mut note = format!(
         "unlabelled voxels: gaps of up to {} mm between the labels, and {WALL_MM} mm around them, were filled with soft tissue \
-         ({} voxels) and {} mm of muscle at its edge ({} voxels), all under {} mm of fat ({} voxels) and {skin_mm:.1} mm of skin \
+         ({} voxels) and some {} mm of muscle at its edge ({} voxels), all under some {} mm of fat ({} voxels) and {skin_mm:.1} mm of skin \
          ({} voxels); outside the skin voxels stay empty: sound passes them without echo or loss, as gel",
         2.0 * CLOSING_MM,
         filled.soft_tissue,
@@ -279,7 +314,7 @@ fn note(
         filled.skin,
     );
     note.push_str(&unusual_values(volume.labels(), body));
-    let faces = cut_faces(volume, outline.slice_axis(), body[3]);
+    let faces = cut_faces(volume, outline.slice_axis(), body[4]);
     if !faces.is_empty() {
         note.push_str(&format!(
             "; the body reaches the edge of the volume ({}), where it is cut without skin",
@@ -325,7 +360,7 @@ fn unusual_values(labels: &[Label], body: &[u8]) -> String {
 /// Takes every unlabelled voxel for soft tissue.
 fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     let mut labels = volume.labels().to_vec();
-    let soft = body_label(&mut labels, LAYERS[0].0, LAYERS[0].1);
+    let soft = label(&mut labels, LAYERS[0].0, LAYERS[0].1);
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -353,7 +388,7 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
 }
 
 /// Index of the label of a name, appended if there is none: with the preferred value, or the next free one.
-fn body_label(labels: &mut Vec<Label>, name: &str, preferred: i64) -> u8 {
+pub(super) fn label(labels: &mut Vec<Label>, name: &str, preferred: i64) -> u8 {
     if let Some(at) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
         return at as u8;
     }

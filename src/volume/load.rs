@@ -3,6 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
+use nalgebra::Matrix4;
+
 use super::element::{Sample, with_sample};
 use super::error::{At, VolumeError, quoted};
 use super::header::Header;
@@ -25,6 +27,8 @@ pub struct ScalarImage {
     pub size: [usize; 3],
     /// Distance between voxel centres along each index axis, mm.
     pub spacing_mm: [f64; 3],
+    /// Voxel index to LPS millimetres.
+    pub index_to_world: Matrix4<f64>,
     /// Finite values, x fastest, with the file's own scale applied.
     pub data: Vec<f32>,
 }
@@ -65,6 +69,7 @@ pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     Ok(ScalarImage {
         size: grid.size,
         spacing_mm: [0, 1, 2].map(|axis| grid.index_to_world.fixed_view::<3, 1>(0, axis).norm()),
+        index_to_world: grid.index_to_world,
         data: values,
     })
 }

@@ -178,6 +178,23 @@ pub fn scenes() -> Vec<Scene> {
             &[Loss, AmplitudeNext, PenumbraKernel],
         ),
         scene(
+            "shadow of bone",
+            box_of(Acoustics {
+                occlusion_per_mm: 0.9,
+                ..lossy()
+            }),
+            |s| s.effects.shadow = Some(Default::default()),
+            &[
+                "shadow_loss",
+                "shadow_rays",
+                "shadow_aperture",
+                "shadow",
+                "shadow_reflectors",
+                "reverberation",
+            ],
+            &[Loss, AmplitudeNext, PenumbraKernel, ApertureShifts, Through, Reflectors],
+        ),
+        scene(
             "shadow of a needle alone",
             box_of(lossless()),
             |s| {
@@ -319,7 +336,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 23] = [
+    const ORDER: [&str; 25] = [
         "geometry",
         "contact",
         "warp",
@@ -336,6 +353,8 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "shadow_rays",
         "shadow_aperture",
         "shadow",
+        "shadow_reflectors",
+        "reverberation",
         "blur",
         "receiver",
         "tone_auto_gain",

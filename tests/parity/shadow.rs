@@ -69,6 +69,29 @@ fn opaque_tissue_is_seen_by_its_own_scanline() {
 }
 
 #[test]
+fn echoes_are_repeated_above_bone() {
+    let mut cases = Vec::new();
+    for (name, shape) in SHAPES {
+        for (reverberation, lines, samples) in [(0.35, 24, 96), (1.0, 1, 130), (0.6, 3, 700)] {
+            let mut settings = scene::settings(scene::probe(shape, 40.0, lines, samples), scene::bare());
+            settings.effects.shadow = Some(Shadow {
+                reverberation,
+                ..Default::default()
+            });
+            for (volume, anatomy) in [("bone", scenes::with_bone()), ("random", scenes::random_anatomy())] {
+                cases.push(Case::new(
+                    format!("{name}, {lines} lines, {samples} samples, {volume}"),
+                    anatomy,
+                    settings.clone(),
+                    scenes::oblique_pose(),
+                ));
+            }
+        }
+    }
+    check_all("reverberation", &cases);
+}
+
+#[test]
 fn the_needle_shades() {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     settings.has_needle = true;

@@ -213,6 +213,60 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
     }
 }
 
+/// Tissue above something opaque whose face lies 20 mm deep in the middle and rises to one side by an angle, after the pass that repeats its echoes if
+/// they are.
+fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
+    let opaque = Acoustics {
+        occlusion_per_mm: 1.0,
+        ..PLAIN
+    };
+    let frame = Frame::around([0.0, 30.0, 0.0], [400, 700, 3], 0.1);
+    let slope = angle_deg.to_radians().tan();
+    let anatomy = anatomy::of(frame, &[SILENT, attenuating(0.5), opaque], |p| {
+        1 + u8::from(p[1] > 20.0 + slope * p[0])
+    });
+    let probe = scene::probe(ProbeShape::Linear { width_mm: 30.0 }, DEPTH_MM, 61, 1200);
+    let mut settings = scene::settings(probe, scene::bare());
+    settings.effects.shadow = Some(Shadow {
+        beam_mm: 0.0,
+        f_number: 0.0,
+        reverberation,
+        ..Shadow::default()
+    });
+    let last = if reverberation > 0.0 { "reverberation" } else { "shadow" };
+    beam_after(&anatomy, &settings, backend, last, &scene::straight())
+}
+
+#[test]
+fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
+    for angle_deg in [0.0, 10.0, 20.0] {
+        for ((name, backend), (_, again)) in precisions().into_iter().zip(precisions()) {
+            let with = above_opaque(angle_deg, 0.35, backend);
+            let without = above_opaque(angle_deg, 0.0, again);
+            let angle = f64::to_radians(angle_deg);
+            // Lines whose neighbours all see the face.
+            for line in 12..49 {
+                let depth = 20.0 + angle.tan() * 0.5 * (line as f64 - 30.0);
+                let lost = 10f64.powf(-2.0 * 0.5 * MHZ / 10.0 * depth / 20.0);
+                let gain = 0.35 * lost * angle.cos().powi(4) * (2.0 * angle).cos().powi(4);
+                let row = line * with.samples;
+                for (order, from_mm) in [(1, 12.0), (1, 18.0), (2, 3.0)] {
+                    let from = (from_mm / 0.05) as usize;
+                    let top = (depth / 0.05).round() as usize;
+                    let expected = gain.powi(order) * without.amplitude[row + from];
+                    let found = with.amplitude[row + from + order as usize * top];
+                    let off = (found / expected - 1.0).abs();
+                    // Faces lie on samples, which moves the angle by up to half a degree.
+                    assert!(
+                        off < 0.02 + 0.006 * angle_deg * f64::from(order),
+                        "{name}, {angle_deg} degrees, line {line}, {from_mm} mm, {order}: {found}, not {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
 /// A plate from y = 10 to 12 mm on the side x > 0, before tissue, on a fine linear array.
 fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend) -> Beam {
     let frame = Frame::around([0.0, 20.0, 0.0], [160, 160, 3], 0.25);

@@ -203,7 +203,7 @@ impl Make {
         chosen
             .into_iter()
             .map(|index| {
-                let value = labels[index].value;
+                let value = labels[usize::from(volume.within(index as u8))].value;
                 let number = i32::try_from(value).map_err(|_| {
                     let found = format!("label {value} cannot be a region number");
                     Failure::usage(found, "region numbers have 32 bits: renumber the label")

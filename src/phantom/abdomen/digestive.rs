@@ -3,7 +3,7 @@
 use super::l;
 use super::{Noise, Over, Painting, Point, Uneven};
 use crate::phantom::geometry::{Ellipsoid, Tube, path};
-use crate::phantom::noise::choice;
+use crate::random::noise::choice;
 
 /// Thickness of the bowel wall, mm.
 const BOWEL_WALL_MM: f64 = 2.2;

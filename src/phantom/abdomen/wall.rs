@@ -2,7 +2,7 @@
 
 use super::l;
 use crate::phantom::geometry::{Ellipsoid, Point, Shape, curve, smooth_min, step};
-use crate::phantom::noise::Noise;
+use crate::random::noise::Noise;
 
 /// Thickness of the skin, mm.
 const SKIN_MM: f64 = 2.0;

@@ -2,8 +2,8 @@
 
 use super::{LEVEL_MM, l, lordosis};
 use crate::phantom::geometry::{Block, Bounds, Ellipsoid, Point, Solid, Tube, Uneven, frame, path, smooth_max};
-use crate::phantom::noise::{Noise, choice};
 use crate::phantom::paint::{Over, Painting};
+use crate::random::noise::{Noise, choice};
 
 /// Half height of a body, mm; the rest of a level is disc.
 const BODY_HALF_MM: f64 = 13.5;

@@ -3,9 +3,10 @@
 
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
+use crate::effects::shadow::reverberation::{directivity, share, spacing, top};
 use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, needle_units, opens};
 
-use super::rounding::{DIVIDE, TINY, ULP, exp2};
+use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
 
 /// Past the pass of the losses, which leaves echoes as they are.
@@ -165,6 +166,53 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             slack.amplitude[index] = slack.amplitude[index] * (square + square_off)
                 + amplitude * (square_off + 2.0 * ULP * (square + square_off))
                 + TINY * (1.0 + amplitude);
+        }
+    }
+}
+
+/// Past the pass that repeats echoes.
+pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let opaque = opaque_units(step.tables.sample_mm());
+    let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
+    let [tops, of_twin] = [step.after, step.twin].map(|beam| -> Vec<u32> {
+        (0..lines)
+            .map(|line| top(&beam.label[line * samples..][..samples], is_opaque))
+            .collect()
+    });
+    for line in 0..lines {
+        let row = line * samples;
+        let before = &step.before.amplitude[row..][..samples];
+        // Gain with its error, and the echoes that come of it.
+        let repeated = |tops: &[u32]| {
+            let depth = tops[line] as usize;
+            if depth >= samples {
+                return (0.0, 0.0, before.to_vec());
+            }
+            let at = row + depth - 1;
+            let [one_way, off] = one_way(f64::from(step.after.loss[at]), slack.loss[at]);
+            let share = share(step.tables);
+            let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
+            // Twice the loss one way; some sixty operations on numbers up to 1 in the directivity and the product.
+            let off = share * ((2.0 * one_way + off) * off + 60.0 * ULP);
+            let mut echoes = before.to_vec();
+            for sample in depth..samples {
+                echoes[sample] = echoes[sample].hypot(gain * echoes[sample - depth]);
+            }
+            (gain, off, echoes)
+        };
+        let (gain, gain_off, echoes) = repeated(&tops);
+        let (of_other, other_off, others) = repeated(&of_twin);
+        let (gain, gain_off) = (gain.max(of_other), gain_off.max(other_off));
+        let least = tops[line].min(of_twin[line]) as usize;
+        for sample in least..samples {
+            let [now, from] = [row + sample, row + sample - least];
+            // The norm of a pair moves by no more than either of it.
+            slack.amplitude[now] += (gain + gain_off) * slack.amplitude[from]
+                + gain_off * echoes[sample - least]
+                + (ROOT + 4.0 * ULP) * echoes[sample]
+                + TINY;
+            slack.amplitude[now] += (echoes[sample] - others[sample]).abs();
         }
     }
 }

@@ -88,6 +88,8 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         // What the rays let through is not in the beam; the last pass carries it.
         "shadow_rays" | "shadow_aperture" => {}
         "shadow" => shadow::carry(step, slack),
+        "shadow_reflectors" => {}
+        "reverberation" => shadow::carry_reverberation(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),
         // It leaves nothing in the beam; the tone carries it.

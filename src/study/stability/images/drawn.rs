@@ -265,6 +265,7 @@ fn effects(draw: &mut Draw) -> Effects {
             needle_db_mm: draw.within(0.0, 20.0),
             beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
             f_number: if draw.chance(0.3) { 0.0 } else { draw.within(0.5, 8.0) },
+            reverberation: if draw.chance(0.5) { 0.0 } else { draw.within(0.0, 1.0) },
         }),
         blur: draw.maybe(0.6, |draw| Blur {
             width_mm: Some(draw.within(0.0, 4.0)),

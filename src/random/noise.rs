@@ -2,18 +2,18 @@
 
 use nalgebra::Vector3;
 
-use crate::random::{hash3, seed_words, unit};
+use super::{hash3, seed_words, unit};
 
 /// A smooth random field over the world.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Noise {
+pub(crate) struct Noise {
     seed: [u32; 2],
     scale_mm: f64,
 }
 
 impl Noise {
     /// A field whose features are about `scale_mm` wide. Fields of different `stream` numbers are independent.
-    pub(super) fn new(seed: u64, stream: u32, scale_mm: f64) -> Self {
+    pub(crate) fn new(seed: u64, stream: u32, scale_mm: f64) -> Self {
         let [low, high] = seed_words(seed);
         Self {
             seed: [
@@ -25,7 +25,7 @@ impl Noise {
     }
 
     /// Value in [-1, 1] at a world point: lattice values joined by a smooth step.
-    pub(super) fn at(&self, p: &Vector3<f64>) -> f64 {
+    pub(crate) fn at(&self, p: &Vector3<f64>) -> f64 {
         let scaled = p / self.scale_mm;
         let cell = scaled.map(f64::floor);
         let t = (scaled - cell).map(|f| f * f * (3.0 - 2.0 * f));
@@ -45,6 +45,6 @@ impl Noise {
 }
 
 /// A number in [0, 1) for the `item`-th choice of a stream.
-pub(super) fn choice(seed: u64, stream: u32, item: [i32; 2]) -> f64 {
+pub(crate) fn choice(seed: u64, stream: u32, item: [i32; 2]) -> f64 {
     f64::from(unit(hash3([stream as i32, item[0], item[1]], seed_words(seed))[1]))
 }

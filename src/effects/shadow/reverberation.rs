@@ -1,0 +1,112 @@
+//! Reverberation: echoes that run once more between the first bone, gas or lung of a scanline and the face of the array.
+//!
+//! What comes back from a depth z is seen again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
+//! above it in the shadow of gas. Each time leaves the attenuation of the way to the reflector and back, [`Shadow::reverberation`], and of a
+//! reflector at an angle theta to the array cos^4 theta, the law of [`interface`](crate::effects::interface), times cos^4 2 theta on the way back to it.
+//! Powers add up, as the phases of so long a way are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
+
+use rayon::prelude::*;
+
+use super::{Shadow, exponent_per_unit, penumbra};
+use crate::effects::pass::View;
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+
+/// Scanlines to either side that tell the tilt of a reflector.
+pub const SIDE: usize = 6;
+
+/// Whether echoes are repeated: the volume holds something opaque.
+pub fn repeats(tables: &Tables) -> bool {
+    let shadow = tables.settings.effects.shadow.as_ref();
+    let opaque = penumbra::opaque_units(tables.sample_mm());
+    let mut rows = tables.label_rows.iter().enumerate();
+    shadow.is_some_and(|shadow| shadow.reverberation > 0.0)
+        && rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index))
+}
+
+/// Distance between scanlines at the array and what it grows by from sample to sample, in sample distances.
+pub fn spacing(tables: &Tables) -> [f64; 2] {
+    let grid = &tables.grid;
+    let at = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
+    [
+        at(0),
+        (at(tables.samples() - 1) - at(0)) / (tables.samples() - 1).max(1) as f64,
+    ]
+}
+
+/// The first opaque sample of a scanline below others; the number of samples where there is none.
+pub fn top(labels: &[u8], is_opaque: impl Fn(u8) -> bool) -> u32 {
+    let first = labels
+        .iter()
+        .position(|label| is_opaque(*label))
+        .filter(|first| *first > 0);
+    first.unwrap_or(labels.len()) as u32
+}
+
+/// What a repeat leaves of an echo for the tilt of the reflector, from the depths of the reflector in samples.
+pub fn directivity<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
+    let first = line.saturating_sub(SIDE);
+    let last = (line + SIDE).min(tops.len() - 1);
+    let known = |other: usize| if (tops[other] as usize) < samples { other } else { line };
+    let (first, last) = (known(first), known(last));
+    if first == last {
+        return T::one();
+    }
+    let of = |n: u32| T::of(f64::from(n));
+    let across = of((last - first) as u32) * (spacing[0] + spacing[1] * of(tops[line]));
+    let slope = (of(tops[last]) - of(tops[first])) / across;
+    let square = slope * slope;
+    let cos2 = T::one() / (T::one() + square);
+    let twice = ((T::one() - square) * cos2).max(T::zero());
+    cos2 * cos2 * twice * twice * twice * twice
+}
+
+/// Finds the reflector of each scanline.
+pub(super) fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let opaque = penumbra::opaque_units(tables.sample_mm());
+    let is_opaque = |label: u8| {
+        tables
+            .label_rows
+            .get(usize::from(label))
+            .is_some_and(|row| row.loss >= opaque)
+    };
+    let lines = store.label.chunks(tables.samples());
+    for (found, labels) in store.reflectors.iter_mut().zip(lines) {
+        *found = top(labels, is_opaque);
+    }
+}
+
+/// Adds the repeats of each scanline.
+pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let share = T::of(share(tables));
+    let spacing = spacing(tables).map(T::of);
+    let exponent = T::of(exponent_per_unit());
+    let (tops, losses) = (&store.reflectors, &store.loss);
+    let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
+    scanlines.for_each(|(line, amplitudes)| {
+        let top = tops[line] as usize;
+        if top >= samples {
+            return;
+        }
+        let above = T::of(f64::from(losses[line * samples + top - 1]));
+        let gain = share * (above * exponent).exp2() * directivity(tops, line, samples, spacing);
+        for sample in top..samples {
+            let (own, repeat) = (amplitudes[sample], gain * amplitudes[sample - top]);
+            amplitudes[sample] = (own * own + repeat * repeat).sqrt();
+        }
+    });
+}
+
+/// The share that comes back, without loss on the way.
+pub fn share(tables: &Tables) -> f64 {
+    tables
+        .settings
+        .effects
+        .shadow
+        .as_ref()
+        .map_or(0.0, |shadow: &Shadow| shadow.reverberation)
+}
