@@ -12,6 +12,7 @@ struct Params {
     reverberation: f32,
     spacing: f32,
     spreading: f32,
+    unused: vec2<u32>,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;

@@ -258,7 +258,7 @@ const REFLECTORS: Pass = Pass {
 };
 
 const REVERBERATION: Pass = Pass {
-    name: "reverberation",
+    name: "shadow_reverberation",
     shader: SHADER,
     entry: "reverberation",
     bindings: &[(Reflectors, Read), (Loss, Read), (Amplitude, Write)],

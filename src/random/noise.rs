@@ -26,21 +26,47 @@ impl Noise {
 
     /// Value in [-1, 1] at a world point: lattice values joined by a smooth step.
     pub(crate) fn at(&self, p: &Vector3<f64>) -> f64 {
-        let scaled = p / self.scale_mm;
+        self.nearby().at(p)
+    }
+
+    /// The same field, for points of which many in a row lie in one cell of the lattice.
+    pub(crate) fn nearby(&self) -> Nearby {
+        Nearby {
+            noise: *self,
+            cell: None,
+            corners: [0.0; 8],
+        }
+    }
+}
+
+/// A field with the lattice values around the last point.
+pub(crate) struct Nearby {
+    noise: Noise,
+    cell: Option<Vector3<f64>>,
+    corners: [f64; 8],
+}
+
+impl Nearby {
+    /// As [`Noise::at`].
+    pub(crate) fn at(&mut self, p: &Vector3<f64>) -> f64 {
+        let scaled = p / self.noise.scale_mm;
         let cell = scaled.map(f64::floor);
+        if self.cell != Some(cell) {
+            let [i, j, k] = [cell.x as i32, cell.y as i32, cell.z as i32];
+            self.corners = std::array::from_fn(|corner| {
+                let [a, b, c] = [0, 1, 2].map(|axis| (corner >> axis & 1) as i32);
+                f64::from(unit(hash3([i + a, j + b, k + c], self.noise.seed)[0]))
+            });
+            self.cell = Some(cell);
+        }
         let t = (scaled - cell).map(|f| f * f * (3.0 - 2.0 * f));
-        let [i, j, k] = [cell.x as i32, cell.y as i32, cell.z as i32];
-        let corner = |a: i32, b: i32, c: i32| f64::from(unit(hash3([i + a, j + b, k + c], self.seed)[0]));
-        let along_x = |b: i32, c: i32| {
-            let low = corner(0, b, c);
-            low + (corner(1, b, c) - low) * t.x
-        };
-        let along_xy = |c: i32| {
-            let low = along_x(0, c);
-            low + (along_x(1, c) - low) * t.y
+        let along_x = |at: usize| self.corners[at] + (self.corners[at + 1] - self.corners[at]) * t.x;
+        let along_xy = |at: usize| {
+            let low = along_x(at);
+            low + (along_x(at + 2) - low) * t.y
         };
         let low = along_xy(0);
-        2.0 * (low + (along_xy(1) - low) * t.z) - 1.0
+        2.0 * (low + (along_xy(4) - low) * t.z) - 1.0
     }
 }
 

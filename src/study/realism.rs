@@ -50,8 +50,8 @@ pub struct Parts {
     blocks_db: [Option<f64>; 2],
     /// Black share of the strip just below the array.
     empty: Option<f64>,
-    /// Width of the boundary behind a dark region, pixels.
-    edge: Option<f64>,
+    /// Boundary behind a dark region.
+    edge: Option<sector::Edge>,
     /// Correlation with a neighbouring frame, of dark and of uniform windows.
     frame_correlation: [Option<f64>; 2],
 }
@@ -114,7 +114,7 @@ impl Parts {
             dark: textures(&dark),
             blocks_db: [6, 3].map(spread_of),
             empty: sector::empty_share(picture, &mask, CONTACT_MM),
-            edge: sector::edge_width(picture, &mask),
+            edge: sector::edge(picture, &mask),
             frame_correlation: [frame_correlation(&dark), frame_correlation(&uniform)],
         })
     }

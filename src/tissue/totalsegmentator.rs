@@ -1,12 +1,12 @@
 //! The classes of TotalSegmentator's `total` task (J. Wasserthal et al., Radiology: AI 5 (2023) e230024; class list of
-//! version 2) and the tissue each is imaged as, with six values beyond them for the rest of the body.
+//! version 2) and the tissue each is imaged as, with values beyond them for the rest of the body.
 
 use super::{Tissue, presets};
 
 /// A class: its value in a label map, its name, and the preset that it is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Class {
-    /// Value in a combined label map, 1 to 117, or 200 to 205 for body labels, which TotalSegmentator itself does not have.
+    /// Value in a combined label map, 1 to 117, or 200 to 212 for body labels, which TotalSegmentator itself does not have.
     pub value: i64,
     /// Name as TotalSegmentator writes it.
     pub name: &'static str,
@@ -42,8 +42,8 @@ pub fn classes() -> &'static [Class] {
 }
 
 /// Labels that fill the rest of a segmented body, from the grey values of the CT: gas below -300 HU, fat to -30 HU, soft
-/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; and the muscle that completion
-/// adds.
+/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; the muscle that completion
+/// adds, and the structures that are drawn into organs.
 pub fn body() -> &'static [Class] {
     BODY
 }
@@ -59,6 +59,13 @@ static BODY: &[Class] = &[
     class(203, "dense", "bone"),
     class(204, "skin", "skin"),
     class(205, "muscle", "muscle"),
+    class(206, "hepatic_vein", "hepatic_vein"),
+    class(207, "portal_branch", "portal_branch"),
+    class(208, "blood", "blood"),
+    class(209, "renal_sinus", "renal_sinus"),
+    class(210, "kidney_medulla", "kidney_medulla"),
+    class(211, "peritoneal_fat", "peritoneal_fat"),
+    class(212, "muscle_internal", "muscle_internal"),
 ];
 
 static CLASSES: &[Class] = &[

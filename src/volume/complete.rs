@@ -15,7 +15,7 @@ use nalgebra::Point3;
 use super::{InvalidVolume, Label, LabelVolume};
 use crate::random::noise::Noise;
 use crate::text::some_of;
-use crate::tissue::known;
+use crate::tissue::{known, totalsegmentator};
 pub use ct::with_ct;
 use outline::Outline;
 
@@ -30,14 +30,8 @@ pub const LEAST_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
 pub const THICKEST_MM: f64 = 100.0;
 
-/// Names and usual values of the labels that are appended, from the inside outwards.
-const LAYERS: [(&str, i64); 5] = [
-    ("soft_tissue", 202),
-    ("muscle", 205),
-    ("muscle_internal", 212),
-    ("fat", 201),
-    ("skin", 204),
-];
+/// Names of the labels that are appended.
+const LAYERS: [&str; 5] = ["soft_tissue", "muscle", "muscle_internal", "fat", "skin"];
 /// Unevenness of muscle and fat: the largest departure from their thickness, as a share of it, and the length over which it changes, mm. Set
 /// by eye; the skin stays where an even layer would put it.
 const UNEVEN: f64 = 0.35;
@@ -232,7 +226,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         return Ok(unchanged("no voxel is labelled: nothing was filled"));
     };
     let mut labels = volume.labels().to_vec();
-    let body = LAYERS.map(|(name, value)| label(&mut labels, name, value));
+    let body = LAYERS.map(|name| label(&mut labels, name));
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -247,6 +241,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         .map(|(row, line)| {
             let mut count = [0u64; 5];
             let [j, k] = [row % ny, row / ny];
+            let (mut fat_noise, mut muscle_noise) = (fat_noise.nearby(), muscle_noise.nearby());
             outline.along_row(j, k, line, |voxel, i, distance| {
                 let layer = if distance <= deepest {
                     0
@@ -346,8 +341,8 @@ fn shell(labels: &[Label]) -> Option<String> {
 
 /// The end of a note: values of the first of [`LAYERS`], at places in `labels`, that are not the usual ones.
 fn unusual_values(labels: &[Label], body: &[u8]) -> String {
-    let other = |(at, (name, usual)): (&u8, (&str, i64))| {
-        let value = labels[usize::from(*at)].value;
+    let other = |(at, name): (&u8, &str)| {
+        let (value, usual) = (labels[usize::from(*at)].value, usual_value(name));
         (value != usual).then(|| format!("{name} is label {value}, not {usual} as usual"))
     };
     let others: Vec<String> = body.iter().zip(LAYERS).filter_map(other).collect();
@@ -360,7 +355,7 @@ fn unusual_values(labels: &[Label], body: &[u8]) -> String {
 /// Takes every unlabelled voxel for soft tissue.
 fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     let mut labels = volume.labels().to_vec();
-    let soft = label(&mut labels, LAYERS[0].0, LAYERS[0].1);
+    let soft = label(&mut labels, LAYERS[0]);
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -387,13 +382,20 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     })
 }
 
-/// Index of the label of a name, appended if there is none: with the preferred value, or the next free one.
-pub(super) fn label(labels: &mut Vec<Label>, name: &str, preferred: i64) -> u8 {
+/// Value of the label of a body where it is free.
+fn usual_value(name: &str) -> i64 {
+    let mut body = totalsegmentator::body().iter();
+    body.find(|class| class.name == name).map_or(0, |class| class.value)
+}
+
+/// Index of the label of a name, appended if there is none: with its usual value, or the next free one.
+pub(super) fn label(labels: &mut Vec<Label>, name: &str) -> u8 {
     if let Some(at) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
         return at as u8;
     }
     let taken = |value: i64| labels.iter().any(|label| label.value == value);
-    let value = (preferred..).find(|&value| !taken(value)).unwrap_or(preferred);
+    let usual = usual_value(name);
+    let value = (usual..).find(|&value| !taken(value)).unwrap_or(usual);
     labels.push(Label {
         value,
         name: Some(name.to_owned()),

@@ -19,16 +19,6 @@ use crate::tissue::known;
 use organ::Organ;
 use vessels::{Root, Tree};
 
-/// Name, usual value and tissue of each structure: the names are those of built-in tissues.
-pub(crate) const STRUCTURES: [(&str, i64); 6] = [
-    ("hepatic_vein", 206),
-    ("portal_branch", 207),
-    ("blood", 208),
-    ("renal_sinus", 209),
-    ("kidney_medulla", 210),
-    ("peritoneal_fat", 211),
-];
-
 /// Depth below the surface of a kidney at which pyramids begin and at which the sinus does, mm, and the latter's largest share of the greatest depth.
 const KIDNEY_MM: [f64; 2] = [7.0, 15.0];
 const SINUS_SHARE: f64 = 0.65;
@@ -133,14 +123,10 @@ impl Drawing<'_> {
 
     /// The label of a structure within another, appended if need be.
     fn label(&mut self, name: &str, within: u8) -> Option<u8> {
-        let usual = STRUCTURES
-            .iter()
-            .find(|(known, _)| *known == name)
-            .map_or(202, |(_, value)| *value);
         if self.labels.len() > 255 && !self.labels.iter().any(|label| label.name.as_deref() == Some(name)) {
             return None;
         }
-        let at = super::complete::label(&mut self.labels, name, usual);
+        let at = super::complete::label(&mut self.labels, name);
         self.within.push((at, within));
         Some(at)
     }
@@ -321,6 +307,7 @@ impl Drawing<'_> {
         let rows = self.voxels.par_chunks_mut(nx).enumerate();
         rows.for_each(|(row, line)| {
             let [j, k] = [row % ny, row / ny];
+            let mut noise = noise.nearby();
             for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel == soft) {
                 let near = around.as_ref().is_some_and(|around| around.holds([i, j, k]));
                 let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));

@@ -119,7 +119,11 @@ fn blocks() -> Vec<Block> {
             opaque_units,
             needle_units,
             exponent,
-            opens
+            opens,
+            reverberation,
+            spacing,
+            spreading,
+            unused
         ),
         block!("blur", blur::Params, lines, samples, reach),
         block!("receiver", receiver::Params, seed, samples, frame, noise, unused),

@@ -161,8 +161,15 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
             tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
             1,
         ],
-        "speckle_lateral" | "interface" | "needle" | "shadow_aperture" | "shadow" | "reverberation" | "blur"
-        | "receiver" | "tone" => [samples, lines, 1],
+        "speckle_lateral"
+        | "interface"
+        | "needle"
+        | "shadow_aperture"
+        | "shadow"
+        | "shadow_reverberation"
+        | "blur"
+        | "receiver"
+        | "tone" => [samples, lines, 1],
         "shadow_reflectors" => [lines, 1, 1],
         // One group a scanline, or a ray of an element, however many samples.
         "shadow_loss" => [256, lines, 1],

@@ -89,7 +89,7 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         "shadow_rays" | "shadow_aperture" => {}
         "shadow" => shadow::carry(step, slack),
         "shadow_reflectors" => {}
-        "reverberation" => shadow::carry_reverberation(step, slack),
+        "shadow_reverberation" => shadow::carry_reverberation(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),
         // It leaves nothing in the beam; the tone carries it.

@@ -339,7 +339,17 @@ pub const MEASURES: &[Measure] = &[
             "length over which the mean profile along depth rises from 10 % to 90 %",
         ],
         0.2,
-        |p| in_mm(p, AXIAL, p.edge),
+        |p| in_mm(p, AXIAL, p.edge.as_ref().map(|edge| edge.width)),
+    ),
+    measure(
+        "edge_jaggedness_px",
+        [
+            "far edge of a dark region, jaggedness",
+            "px",
+            "mean distance of the boundary in a column from the mean of its two neighbours",
+        ],
+        0.05,
+        |p| p.edge.as_ref()?.jaggedness,
     ),
     measure(
         "frame_correlation_dark",

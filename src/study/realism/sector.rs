@@ -214,10 +214,18 @@ const COLUMNS: usize = 16;
 /// Pixels on either side of a boundary that its profile reaches.
 const PROFILE: usize = 12;
 
-/// Distance along the columns over which the mean profile across the far boundary of the dark region with the longest one rises from 10 % to
-/// 90 %, pixels. Dark is below half the sector's mean after a mean over 3 x 3 pixels; beyond the boundary it must be 1.5 times as bright.
-/// None where no boundary goes through 16 columns.
-pub fn edge_width(picture: &Picture, mask: &[bool]) -> Option<f64> {
+/// The far boundary of a dark region.
+pub struct Edge {
+    /// Distance along the columns over which the mean profile across it rises from 10 % to 90 %, pixels.
+    pub width: f64,
+    /// Mean distance along a column of the boundary from the mean of its neighbours, pixels: what stairs of voxels leave. None where no three
+    /// columns are neighbours.
+    pub jaggedness: Option<f64>,
+}
+
+/// The far boundary of the dark region with the longest one. Dark is below half the sector's mean after a mean over 3 x 3 pixels; beyond the boundary it must
+/// be 1.5 times as bright. None where no boundary goes through 16 columns.
+pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let (width, height) = (picture.width, picture.height);
     let limit = dark_limit(picture, mask);
     let smooth = |at: usize| -> f64 {
@@ -271,5 +279,16 @@ pub fn edge_width(picture: &Picture, mask: &[bool]) -> Option<f64> {
     let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
     let end = (PROFILE - 4..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;
     let start = (0..=end).rev().find(|&n| profile[n] <= level(0.1))?;
-    Some(between(end, level(0.9)) - between(start, level(0.1)))
+    let row = |&at: &usize| {
+        let (dark, bright) = (smooth(at), smooth(at + width));
+        (at / width) as f64 + (limit - dark) / (bright - dark)
+    };
+    let neighbours = longest.windows(3).filter(|at| at[0] % width + 2 == at[2] % width);
+    let off: Vec<f64> = neighbours
+        .map(|at| (row(&at[1]) - 0.5 * (row(&at[0]) + row(&at[2]))).abs())
+        .collect();
+    Some(Edge {
+        width: between(end, level(0.9)) - between(start, level(0.1)),
+        jaggedness: (!off.is_empty()).then(|| off.iter().sum::<f64>() / off.len() as f64),
+    })
 }

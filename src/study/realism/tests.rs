@@ -268,12 +268,23 @@ fn the_far_edge_of_a_dark_region_has_its_width() {
             level + 3.0 * normal(x, y, 4)[0]
         });
         let mask = sector::sector(&frame).expect("a sector");
-        let width = sector::edge_width(&frame, &mask).expect("an edge");
-        near("10-90 %", width, 2.563 * sigma, 0.1 * 2.563 * sigma);
+        let edge = sector::edge(&frame, &mask).expect("an edge");
+        near("10-90 %", edge.width, 2.563 * sigma, 0.1 * 2.563 * sigma);
+        assert!(edge.jaggedness.expect("neighbours") < 0.15);
     }
+    // Teeth of one pixel in every other column, which the mean over 3 x 3 leaves a third of, to either side of the mean.
+    let teeth = picture(200, 200, |x, y| {
+        match (60..120 + x % 2).contains(&y) && (50..150).contains(&x) {
+            true => 20.0 + normal(x, y, 4)[0],
+            false => 120.0 + 3.0 * normal(x, y, 4)[0],
+        }
+    });
+    let mask = sector::sector(&teeth).expect("a sector");
+    let edge = sector::edge(&teeth, &mask).expect("an edge");
+    near("jaggedness", edge.jaggedness.expect("neighbours"), 1.0 / 3.0, 0.1);
     let plain = even(90.0, 1);
     let mask = sector::sector(&plain).expect("a sector");
-    assert_eq!(sector::edge_width(&plain, &mask), None);
+    assert!(sector::edge(&plain, &mask).is_none());
 }
 
 #[test]

@@ -108,6 +108,7 @@ fn studies_of_insertions_give_costs_of_every_key() {
     let options = |nodes, parts| InsertionOptions {
         nodes,
         depth_mm: 10.0,
+        bevel_depth_mm: 12.0,
         passes: 1,
         parts,
         ..InsertionOptions::default()

@@ -5,6 +5,7 @@
 //! | `image_grid` | scanlines by samples | the finest grid, double precision |
 //! | `image_backend` | double and single precision, each GPU | double precision on the CPU |
 //! | `image_labels` | label of the nearest voxel or voted, voxel size | closed-form boundaries |
+//! | `image_effects` | one effect left out or simpler | every usual effect in double precision |
 //! | `image_sampling` | samples down a shadow, scanlines across a blur | the finest of them |
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
 //! | `image_lookup` | nearest voxel, trilinear look-up of a texture by itself | trilinear in double precision |
@@ -15,6 +16,7 @@
 //! standard, or that is further from it than a coarser one, is no approximation and is flagged.
 
 mod compare;
+mod effects;
 mod grain;
 mod grid;
 mod labels;
@@ -177,10 +179,11 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
             gpu.report().name
         ));
     }
-    let steps: [(&str, f64, Measure); 6] = [
+    let steps: [(&str, f64, Measure); 7] = [
         ("grids of the beam", 0.0, grid::grids),
         ("precisions and backends", 0.55, grid::backends),
         ("labels", 0.65, labels::labels),
+        ("effects", 0.7, effects::effects),
         ("shadow and blur", 0.75, sampling::sampling),
         ("texture and grain", 0.85, grain::grains),
         ("point location", 0.93, location::location),

@@ -25,16 +25,16 @@ const ORGANS_HU: std::ops::RangeInclusive<f32> = -30.0..=300.0;
 /// Least share of the labelled voxels that lie in the CT.
 const COVERED: f64 = 0.98;
 
-/// Names and usual values of the labels that are appended.
-const CLASSES: [(&str, i64); 8] = [
-    ("soft_tissue", 202),
-    ("muscle", 205),
-    ("fat", 201),
-    ("peritoneal_fat", 211),
-    ("skin", 204),
-    ("gas", 200),
-    ("dense", 203),
-    ("hepatic_vein", 206),
+/// Names of the labels that are appended.
+const CLASSES: [&str; 8] = [
+    "soft_tissue",
+    "muscle",
+    "fat",
+    "peritoneal_fat",
+    "skin",
+    "gas",
+    "dense",
+    "hepatic_vein",
 ];
 
 /// Completes a segmentation by its CT: unlabelled voxels of the body become gas, fat, muscle, soft tissue or bone by their grey values, the outermost
@@ -68,7 +68,7 @@ pub fn with_ct(
             .map(|hu| if hu.is_finite() { *hu } else { -1000.0 })
             .collect(),
     };
-    (0..3).for_each(|axis| smooth.convolve(axis, &[1.0, 1.0]));
+    (0..3).for_each(|axis| smooth.convolve(axis, &[2.0, 1.0]));
     let smooth = smooth.values;
 
     let tissue = |at: u8| known(volume.labels()[usize::from(at)].name.as_deref()?).map(|(tissue, _)| tissue);
@@ -89,7 +89,7 @@ pub fn with_ct(
     });
 
     let mut labels = volume.labels().to_vec();
-    let class = CLASSES.map(|(name, value)| label(&mut labels, name, value));
+    let class = CLASSES.map(|name| label(&mut labels, name));
     if labels.len() > 256 {
         return Err(InvalidVolume::TooManyLabels(labels.len()).into());
     }
@@ -149,7 +149,7 @@ pub fn with_ct(
         .iter()
         .zip(class)
         .filter(|(_, at)| count(*at) > 0)
-        .map(|((name, _), at)| format!("{name} ({}) {}", labels[usize::from(at)].value, count(at)))
+        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, count(at)))
         .collect();
     let mut note = format!(
         "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \

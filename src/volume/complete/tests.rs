@@ -130,6 +130,38 @@ fn a_trunk_gets_soft_tissue_fat_and_skin_of_the_stated_thickness() {
 }
 
 #[test]
+fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
+    let done = run(&trunk([2.0, 2.0, 3.0])).volume;
+    let thickness = |wanted: &[&str], angle: f64, z: f64| {
+        let (sin, cos) = angle.sin_cos();
+        let at = |r: f64| Point3::new(150.0 + r * cos, 130.0 + r * sin, z);
+        let of = |step: i32| {
+            let label = done.label_index_at(&at(0.1 * f64::from(step)))?;
+            done.labels()[usize::from(label)].name.as_deref()
+        };
+        0.1 * (600..1500)
+            .filter(|step| of(*step).is_some_and(|name| wanted.contains(&name)))
+            .count() as f64
+    };
+    // Square to the outline along the axes of the ellipse alone, so angles near the ends of the long one.
+    let all = |wanted: &[&str]| -> Vec<f64> {
+        let places = (0..48).flat_map(|z| [-0.15, 0.0, 0.15, 3.0, 3.14, 3.29].map(|angle| (angle, 3.0 * f64::from(z))));
+        places.map(|(angle, z)| thickness(wanted, angle, z)).collect()
+    };
+    let fat = all(&["fat"]);
+    let mean = crate::study::statistics::mean(&fat);
+    let std = crate::study::statistics::std(&fat);
+    println!("fat of {mean:.2} +- {std:.2} mm");
+    // The noise is a mean of eight uniform numbers at most: a third to a half of its range.
+    assert!(
+        (mean - 12.0).abs() < 1.5 && (0.8..3.0).contains(&std),
+        "{mean} +- {std}"
+    );
+    let middle = crate::study::statistics::mean(&all(&["muscle_internal"]));
+    assert!(middle > 0.5, "{middle}");
+}
+
+#[test]
 fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
     let upright = trunk([3.0; 3]);
     let [nx, ny, nz] = upright.size();

@@ -87,6 +87,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_grid", 4),
         ("image_backend", 4),
         ("image_labels", 12),
+        ("image_effects", 16),
         ("image_sampling", 15),
         ("image_texture", 2),
         ("image_lookup", 6),
@@ -110,6 +111,14 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         off.len() == 2 && off.iter().all(|off| off.is_some_and(|off| off > 1.0)),
         "{off:?}"
     );
+    // With every effect a frame errs by rounding, and without one by more.
+    let effects = study.tables.iter().find(|table| table.key == "image_effects").unwrap();
+    let off = |row| effects.value(row, "rms_grey").unwrap();
+    assert!(off(&effects.rows[0]) < 0.5);
+    for row in &effects.rows[1..] {
+        let nothing_to_see = ["body ends at the volume", "without contact"].contains(&row.choices[0].as_str());
+        assert!(nothing_to_see || off(row) > 0.5, "{:?}: {}", row.choices, off(row));
+    }
     // Trilinear errs by rounding, the nearest voxel by what lies between voxels.
     let lookups = study.tables.iter().find(|table| table.key == "image_lookup").unwrap();
     for pair in lookups.rows.chunks(2) {

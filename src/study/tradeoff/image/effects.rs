@@ -1,0 +1,81 @@
+//! What each effect buys: the frame without it, or with a simpler form of it, against the frame with everything.
+
+use super::compare::{Apart, inside, picture, values};
+use super::scene::{Subject, coarsened};
+use super::{ImageError, ImageOptions, PICTURE, Table, factor};
+use crate::effects::Effects;
+use crate::effects::slice::{Beyond, Boundary};
+use crate::study::tradeoff::{GREY_LEVELS, Goal};
+use crate::synth::Backend;
+
+/// A simpler frame: its name and what it leaves out.
+type Simpler = (&'static str, fn(&mut Effects));
+
+const SIMPLER: [Simpler; 16] = [
+    ("every usual effect", |_| {}),
+    ("without contact", |effects| effects.contact = None),
+    ("body ends at the volume", |effects| effects.slice.beyond = Beyond::Void),
+    ("labels voted", |effects| effects.slice.boundary = Boundary::Vote),
+    ("labels of the nearest voxel", |effects| {
+        effects.slice.boundary = Boundary::Nearest
+    }),
+    ("without texture", |effects| effects.texture = None),
+    ("without interfaces", |effects| effects.interface = None),
+    ("interfaces without roughness", |effects| {
+        if let Some(interface) = &mut effects.interface {
+            interface.roughness = 0.0;
+        }
+    }),
+    ("without speckle", |effects| effects.speckle = None),
+    ("without shadow", |effects| effects.shadow = None),
+    ("shadows straight down", |effects| {
+        if let Some(shadow) = &mut effects.shadow {
+            shadow.f_number = 0.0;
+        }
+    }),
+    ("without reverberation", |effects| {
+        if let Some(shadow) = &mut effects.shadow {
+            shadow.reverberation = 0.0;
+        }
+    }),
+    ("without blur", |effects| effects.blur = None),
+    ("without receiver", |effects| effects.receiver = None),
+    ("without automatic gain", |effects| {
+        if let Some(tone) = &mut effects.tone {
+            tone.auto_gain = 0.0;
+        }
+    }),
+    ("tone alone on labels", |effects| {
+        *effects = Effects {
+            tone: effects.tone.clone(),
+            ..Effects::default()
+        };
+    }),
+];
+
+pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    let subject = Subject::new(options.voxel_mm)?;
+    let own = subject.grid(coarsened(options, [256, 512]));
+    let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");
+    let mut table = Table::new(
+        "image_effects",
+        "Effects: what a frame without one saves, and by how much it differs from the frame with all",
+        &[factor("effects", "effects")],
+        &PICTURE,
+    )
+    .against("every usual effect in double precision")
+    .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
+    let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
+    let standard = gold.render(&subject.state)?.pixels.clone();
+    let inside = inside(&gold);
+    for (name, simplify) in SIMPLER {
+        let mut settings = own.clone();
+        simplify(&mut settings.effects);
+        let mut synth = subject.on(settings, Backend::Cpu)?;
+        let found = picture(&mut synth, &subject.state, options.patience)?;
+        let apart = Apart::of(&standard, &found.pixels, &inside);
+        // A frame without an effect may differ as a whole: that is what the effect is for.
+        table.push(vec![name.to_owned()], values(&found, Some(&apart)), None);
+    }
+    Ok(vec![table])
+}
