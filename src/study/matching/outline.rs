@@ -21,6 +21,10 @@ const NEAR: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
 const ALONG: f64 = 0.75;
 /// Least share of an edge's length in the picture that the rim of the mask must lie on for the edge to be seen.
 const SEEN: f64 = 0.2;
+/// Least angle between the vertical and the sides of a fan, radians: the narrowest fields of view are 20 degrees.
+const NARROWEST: f64 = 0.17;
+/// Largest share of the mask that may lie beyond an edge.
+const BEYOND: f64 = 0.05;
 /// Least share of a rectangle that its mask must fill, and that where its left or right side neither shows nor is cut off by the picture.
 const FILLED: [f64; 2] = [0.5, 0.9];
 
@@ -209,7 +213,12 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
         visible(arc(far), size),
         visible(side(-1.0).chain(side(1.0)), size),
     ];
-    let seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]));
+    // What is dark within a sector has edges too, but echoes beyond them.
+    let outside = |edge: usize| {
+        let beyond = |p: &&[f64; 2]| distance(found, edge, [p[0], p[1], 0.0, 0.0]) > NEAR[3];
+        inside.iter().filter(beyond).count() as f64 <= BEYOND * inside.len() as f64
+    };
+    let seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]) && outside(edge));
     if seen.iter().filter(|seen| **seen).count() < 2 {
         return None;
     }
@@ -260,13 +269,14 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
                 }
             }
             // Two neighbouring classes, the first of several equal ones.
-            let peak = |votes: &Vec<usize>| {
-                let pairs = (1..votes.len()).map(|at| (votes[at - 1] + votes[at], at));
+            let peak = |votes: &[usize], first: usize| {
+                let pairs = (first + 1..votes.len()).map(|at| (votes[at - 1] + votes[at], at));
                 pairs
                     .max_by_key(|&(count, at)| (count, Reverse(at)))
                     .unwrap_or_default()
             };
-            let [near, far, sides] = [0, 1, 2].map(|edge| peak(&votes[edge]));
+            let [near, far] = [0, 1].map(|edge| peak(&votes[edge], 0));
+            let sides = peak(&votes[2], (NARROWEST / turn) as usize);
             let count = near.0 + far.0 + sides.0;
             if count > best.0 {
                 let radii = [near.1, far.1].map(|at| at as f64 * CLASS);
