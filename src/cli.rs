@@ -10,6 +10,7 @@ mod info;
 mod input;
 mod insert;
 mod inspect;
+mod matching;
 mod material;
 mod mesh;
 mod output;
@@ -44,6 +45,7 @@ Examples:
   insonify plan my.toml                            what a frame is made of, and why
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
+  insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
@@ -72,6 +74,7 @@ enum Command {
     Plan(plan::Plan),
     Inspect(inspect::Inspect),
     Realism(realism::Realism),
+    Match(matching::Match),
     Bench(bench::Bench),
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
@@ -103,6 +106,7 @@ impl Cli {
             Command::Plan(plan) => plan.run(),
             Command::Inspect(inspect) => inspect.run(),
             Command::Realism(realism) => realism.run(),
+            Command::Match(matching) => matching.run(),
             Command::Bench(bench) => bench.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),

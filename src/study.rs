@@ -9,6 +9,7 @@
 //! | [`tradeoff`] | what accuracy costs in time |
 //! | `block` | what studies put needles into |
 //! | `page` | HTML of reports |
+//! | [`matching`] | probe and effects with which frames look like a real one |
 //! | [`parity`] | whether backends agree, sample by sample |
 //! | [`plot`] | points and lines on two axes, as SVG and pixels |
 //! | [`puncture`] | a needle goes into a slice of liver with a vein |
@@ -26,6 +27,7 @@ mod block;
 mod fractional;
 pub mod inspect;
 pub mod machine;
+pub mod matching;
 pub(crate) mod page;
 pub mod parity;
 pub mod plot;

@@ -79,7 +79,7 @@ impl Realism {
 }
 
 /// The side of a pixel, mm.
-fn pixel(text: &str) -> Result<f64, String> {
+pub(super) fn pixel(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(mm) if picture::PIXEL_MM.contains(&mm) => Ok(mm),
         _ => Err("expected 0.001 to 10 mm".to_owned()),

@@ -8,7 +8,7 @@ use crate::tracking::probe::{Probe, ProbeKind};
 
 /// Lengths at 1 MHz, mm: along the beam, across scanlines at the focus, out of the plane, and from the focus to where the lateral length has
 /// grown by sqrt 2 (a Rayleigh length, which goes with the wavelength as long as the f-number is the same).
-const AXIAL_MM: f64 = 2.8;
+pub(crate) const AXIAL_MM: f64 = 2.8;
 const LATERAL_MM: f64 = 5.25;
 const ELEVATIONAL_MM: f64 = 6.3;
 const FOCAL_ZONE_MM: f64 = 175.0;

@@ -5,7 +5,7 @@
 
 mod measures;
 pub mod picture;
-mod report;
+pub(in crate::study) mod report;
 pub mod sector;
 pub mod texture;
 
@@ -25,6 +25,8 @@ pub const WINDOW: usize = 48;
 pub const DARK_WINDOW: usize = 32;
 /// Windows of each kind in a frame.
 const WINDOWS: usize = 5;
+/// Mean grey levels of uniform windows: of darker ones much is black.
+const GREY: [f64; 2] = [45.0, 200.0];
 /// Side of the windows that are cut into blocks of 4 and 8 mm, mm.
 const BLOCKS_MM: f64 = 24.0;
 /// Depth below the array that must not be empty, mm.
@@ -62,29 +64,11 @@ impl Parts {
     /// # Errors
     /// [`VolumeError`] for a frame smaller than a window, or without a sector as large as one.
     pub fn of(picture: &Picture) -> Result<Self, VolumeError> {
-        let refuse = |found, expected: String| {
-            Err(VolumeError::malformed(
-                picture.name.as_ref(),
-                At::Pixels,
-                found,
-                expected,
-            ))
-        };
-        let least = WINDOW + 1;
-        if picture.width < least || picture.height < least {
-            let found = format!("{} x {} pixels", picture.width, picture.height);
-            return refuse(found, format!("at least {least} x {least}"));
-        }
-        let mask =
-            sector::sector(picture).filter(|mask| mask.iter().filter(|inside| **inside).count() >= WINDOW * WINDOW);
-        let Some(mask) = mask else {
-            let found = "no sector: no connected region of varying grey levels";
-            return refuse(found.to_owned(), format!("one of at least {WINDOW} x {WINDOW} pixels"));
-        };
+        let mask = sector_of(picture)?;
         let inside = picture.grey.iter().zip(&mask).filter(|(_, inside)| **inside);
         let mut sector: Vec<f64> = inside.map(|(grey, _)| *grey).collect();
         sector.sort_by(f64::total_cmp);
-        let uniform = uniform_windows(picture, &mask, [WINDOW; 2], WINDOWS);
+        let uniform = uniform_windows(picture, &mask, [WINDOW; 2], WINDOWS, GREY);
         let dark = dark_windows(picture, &mask, [DARK_WINDOW; 2], WINDOWS);
         let patch = |window: Window| Patch::of(&picture.grey, picture.width, window);
         let textures = |windows: &[Window]| windows.iter().map(|&window| patch(window).texture()).collect();
@@ -97,7 +81,7 @@ impl Parts {
         };
         let blocks = picture.mm.map(|mm| {
             let size = mm.map(|mm| (BLOCKS_MM / mm).round() as usize);
-            uniform_windows(picture, &mask, size, WINDOWS)
+            uniform_windows(picture, &mask, size, WINDOWS, GREY)
         });
         let spread_of = |across: usize| {
             average(
@@ -126,6 +110,30 @@ impl Parts {
     /// Share of the sector whose grey levels are such.
     fn share(&self, of: impl Fn(f64) -> bool) -> Option<f64> {
         Some(self.sector.iter().filter(|grey| of(**grey)).count() as f64 / self.sector.len() as f64)
+    }
+}
+
+/// The sector of a frame.
+///
+/// # Errors
+/// [`VolumeError`] for a frame smaller than a window, or without a sector as large as one.
+pub(in crate::study) fn sector_of(picture: &Picture) -> Result<Vec<bool>, VolumeError> {
+    let refuse = |found, expected: String| {
+        let path = picture.name.as_ref();
+        Err(VolumeError::malformed(path, At::Pixels, found, expected))
+    };
+    let least = WINDOW + 1;
+    if picture.width < least || picture.height < least {
+        let found = format!("{} x {} pixels", picture.width, picture.height);
+        return refuse(found, format!("at least {least} x {least}"));
+    }
+    let large = |mask: &Vec<bool>| mask.iter().filter(|inside| **inside).count() >= WINDOW * WINDOW;
+    match sector::sector(picture).filter(large) {
+        Some(mask) => Ok(mask),
+        None => {
+            let found = "no sector: no connected region of varying grey levels";
+            refuse(found.to_owned(), format!("one of at least {WINDOW} x {WINDOW} pixels"))
+        }
     }
 }
 

@@ -12,6 +12,7 @@ mod hostile_text;
 mod insert;
 mod insert_far;
 mod insert_ready;
+mod matching;
 mod material;
 mod mesh_make;
 mod meshes;

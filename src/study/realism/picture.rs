@@ -21,7 +21,7 @@ pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
 const LARGEST: u32 = 8192;
 
 /// A frame: luminance (Rec. 709) row by row, rows along depth.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// The file, and of a sequence which frame.
     pub name: String,

@@ -49,7 +49,7 @@ impl Verdict {
 }
 
 /// Three significant digits or so.
-fn number(value: f64) -> String {
+pub(in crate::study) fn number(value: f64) -> String {
     let digits = match value.abs() {
         100.0.. => 0,
         10.0.. => 1,
@@ -203,12 +203,12 @@ impl Report {
 }
 
 /// A name from a file, on one line.
-fn named(name: &str) -> String {
+pub(in crate::study) fn named(name: &str) -> String {
     text::tail(name, 2 * text::WIDEST_NAME)
 }
 
 /// A frame made small; none where its pixels do not fill it.
-fn small(picture: &Picture) -> Option<GrayImage> {
+pub(in crate::study) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();
     let whole = GrayImage::from_raw(width, height, pixels)?;

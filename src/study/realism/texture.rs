@@ -347,9 +347,10 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
 }
 
 /// The most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both added up and
-/// relative to the mean; of mean grey 45 to 200, at most 2 % of them black or white, half a window apart.
-pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
-    let fits = |it: &Looked| (45.0..=200.0).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
+/// relative to the mean; of a mean in `grey`, at most 2 % of them black or white, half a window apart.
+pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
+    let fits =
+        |it: &Looked| (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
     let windows = looked(picture, mask, size).into_iter().filter(fits);
     let apart = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
     let chosen_by = |it: Looked| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);

@@ -1,0 +1,106 @@
+//! `insonify match`: probe and effects from a real frame.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use insonify::study::matching::fit;
+use insonify::study::realism::picture;
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::realism::pixel;
+use super::terminal;
+
+const TEACHING: &str = "\
+The sector of the frame gives the probe; the most uniform windows at five depths give point spread, dynamic range and gain, the darkest ones
+noise and clutter. A uniform phantom is rendered under that probe and measured in the same way, and parameters are corrected until both agree.
+What a frame cannot tell is listed with the reason: it stands in the scene as a default, and several settings show the same.
+
+The array must be at the top: turn other frames upside down. Crop frames with more than one sector. Depth scales in the picture are not read:
+the size of a pixel comes from --mm-per-pixel or --depth-mm, else from the sidecar beside the frame, or from the sequence.
+
+The output is a scene of the abdomen phantom: put your own [volume] and [pose] in. Automatic gain is off, the grey curve straight.
+
+Examples:
+  insonify match liver.png --depth-mm 160 -o matched.toml --page matched.html
+  insonify render matched.toml -o ours.png
+  insonify realism ours.png --against liver.png
+  insonify match clip.igs.mha --json | jq '.figures[] | {key, value, spread}'
+
+docs/realism.md has how well known settings are found again. Exit status: 0 matched; 2 wrong arguments or files.";
+
+/// Estimates probe and effects from a real frame, and writes a scene that looks like it
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct Match {
+    /// The frame: a PNG file, or an image sequence (.mha, .mhd, .nrrd), whose first frame counts
+    #[arg(value_name = "REAL")]
+    file: PathBuf,
+    /// Side of a pixel
+    #[arg(long, value_name = "MM", value_parser = pixel)]
+    mm_per_pixel: Option<f64>,
+    /// Depth that the middle scanline shows
+    #[arg(long, value_name = "MM", value_parser = depth, conflicts_with = "mm_per_pixel")]
+    depth_mm: Option<f64>,
+    /// Seed of the phantom's speckle
+    #[arg(long, value_name = "N", default_value = "0")]
+    seed: u64,
+    /// Write the scene to a file, and print the figures instead of it
+    #[arg(short, long, value_name = "FILE.toml")]
+    output: Option<PathBuf>,
+    /// Write a page with the real frame, ours, histograms and autocorrelations
+    #[arg(long, value_name = "PAGE.html")]
+    page: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON, with the scene in it
+    #[arg(long)]
+    json: bool,
+}
+
+impl Match {
+    pub fn run(&self) -> Result<(), Failure> {
+        let inputs = [self.file.clone()];
+        let check = |path: &Path, ending, what| self.force.check_ending(path, ending, what, &inputs);
+        self.output
+            .as_ref()
+            .map_or(Ok(()), |path| check(path, "toml", "scenes"))?;
+        self.page.as_ref().map_or(Ok(()), |path| check(path, "html", "pages"))?;
+        if self.file.is_dir() {
+            let found = format!("{} is a folder", self.file.display());
+            return Err(Failure::usage(
+                found,
+                "name one frame: what differs between frames is no match of either",
+            ));
+        }
+        let mut frames = picture::read(&inputs, 1, None)?;
+        // A file without frames was refused.
+        let mut frame = frames.swap_remove(0);
+        frame.mm = self.mm_per_pixel.map(|mm| [mm; 2]).or(frame.mm);
+        let found = fit(&frame, self.depth_mm, self.seed)?;
+        let page = self
+            .page
+            .as_ref()
+            .map(|path| Ok::<_, Failure>((path, found.page()?)))
+            .transpose()?;
+        if let Some(output) = &self.output {
+            output::text(output, &found.scene)?;
+        }
+        if let Some((path, page)) = page {
+            output::text(path, &page)?;
+        }
+        match (self.json, &self.output) {
+            (true, _) => terminal::emit_json(&found),
+            (false, Some(_)) => terminal::emit(&found.to_string()),
+            (false, None) => terminal::emit(&found.scene),
+        }
+    }
+}
+
+/// The depth of a frame, mm.
+fn depth(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(mm) if (1.0..=1000.0).contains(&mm) => Ok(mm),
+        _ => Err("expected 1 to 1000 mm".to_owned()),
+    }
+}

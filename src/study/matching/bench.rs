@@ -1,0 +1,291 @@
+//! A real frame as scanlines by samples, its windows, and phantoms at its pixels.
+
+use rayon::prelude::*;
+
+use super::model::rounded;
+use super::outline::{Outline, Shape};
+use super::{AtDepth, Side, refuse};
+use crate::effects::Effects;
+use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
+use crate::error::Error;
+use crate::study::anatomies::{Acoustics, uniform};
+use crate::study::realism::picture::Picture;
+use crate::study::realism::texture::{Patch, Texture, Window, uniform_windows};
+use crate::study::statistics::{mean, std};
+use crate::synth::tables::{ImageSize, Settings};
+use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
+
+/// Scanlines and samples of a window.
+pub(super) const WINDOW: [usize; 2] = [48, 40];
+/// Share of the far radius within which a fan that shows no array is taken to start in one point.
+const PHASED: f64 = 0.05;
+/// Scanlines and samples of rendered frames to those that are measured, a pixel apart, and at most: scan conversion would blur coarser ones.
+const FINER: f64 = 1.5;
+const FINEST: [f64; 2] = [1024.0, 2048.0];
+/// Phantoms of each round, of different speckle: with as many windows as the frame they would scatter as much.
+const PHANTOMS: u64 = 3;
+/// Depths at which windows are sought, and windows at each.
+pub(super) const DEPTHS: usize = 5;
+pub(super) const WINDOWS: usize = 5;
+/// Mean grey levels of windows: in-vivo frames have a median of 18 to 24, and of darker windows much is black.
+const GREY: [f64; 2] = [20.0, 200.0];
+/// Range of means, plus range of standard deviations, of the quarters of a window, in its own standard deviations, up to which it counts as
+/// uniform. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and more.
+pub(super) const UNEVEN: f64 = 1.3;
+/// A real frame, and where on it is measured.
+pub(super) struct Bench<'a> {
+    pub picture: &'a Picture,
+    pub mask: Vec<bool>,
+    pub probe: Probe,
+    pub grid: BeamGrid,
+    pub image: ImageGrid,
+    pub seed: u64,
+    /// Windows by depth, of scanlines and samples.
+    pub windows: Vec<Vec<Window>>,
+}
+
+impl<'a> Bench<'a> {
+    pub fn new(picture: &'a Picture, mask: Vec<bool>, outline: Outline, mm: f64, seed: u64) -> Result<Self, Error> {
+        let (probe_shape, depth, across, origin) = match outline.shape {
+            Shape::Rectangle { columns, rows } => {
+                let width = columns[1] - columns[0];
+                let shape = ProbeShape::Linear {
+                    width_mm: rounded(width * mm),
+                };
+                (
+                    shape,
+                    rows[1] - rows[0],
+                    width,
+                    [0.5 * (columns[0] + columns[1]), rows[0]],
+                )
+            }
+            Shape::Fan { apex, radii, half } => {
+                let angle_deg = rounded(2.0 * half.to_degrees());
+                let radius_mm = rounded(radii[0] * mm);
+                // No array shows where a phased one fans out.
+                let phased = !outline.seen[0] && radii[0] < PHASED * radii[1];
+                let (shape, start) = match phased {
+                    true => (ProbeShape::Phased { angle_deg }, 0.0),
+                    false => (ProbeShape::Curvilinear { radius_mm, angle_deg }, radii[0]),
+                };
+                (
+                    shape,
+                    radii[1] - start,
+                    half * (start + radii[1]),
+                    [apex[0], apex[1] + start],
+                )
+            }
+        };
+        // Measured a pixel apart, lines in the middle of the sector.
+        let [lines, samples] = [across, depth].map(|pixels| pixels.max(64.0).round());
+        let measured = Probe {
+            shape: probe_shape,
+            depth_mm: rounded(depth * mm),
+            frequency_mhz: probe_shape.kind().usual_frequency_mhz(),
+            lines: lines as u32,
+            samples: samples as u32,
+        };
+        let probe = Probe {
+            lines: (FINER * lines).min(FINEST[0]) as u32,
+            samples: (FINER * samples).min(FINEST[1]) as u32,
+            ..measured
+        };
+        let grid = BeamGrid::new(&measured).map_err(|error| {
+            refuse(
+                picture,
+                &format!("a sector whose {error}"),
+                "the size of a pixel, or the depth, to be that of this frame",
+            )
+        })?;
+        let image = ImageGrid::new(picture.width, picture.height, mm, origin.map(|place| -place * mm));
+        let image = image.map_err(SynthError::from)?;
+        let mut bench = Self {
+            picture,
+            mask,
+            probe,
+            grid,
+            image,
+            seed,
+            windows: Vec::new(),
+        };
+        let (beam, inside) = bench.beam(picture);
+        let band = bench.grid.samples() / bench.bands();
+        bench.windows = (0..bench.bands())
+            .map(|at| {
+                let rows = at * band..(at + 1) * band;
+                let mask: Vec<bool> = (0..inside.len())
+                    .map(|at| inside[at] && rows.contains(&(at / beam.width)))
+                    .collect();
+                uniform_windows(&beam, &mask, WINDOW, WINDOWS, GREY)
+            })
+            .collect();
+        let uniform = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) <= UNEVEN;
+        if bench.windows.iter().flatten().any(uniform) {
+            bench.windows.iter_mut().for_each(|windows| windows.retain(uniform));
+        }
+        bench.windows.retain(|windows| !windows.is_empty());
+        Ok(bench)
+    }
+
+    pub fn bands(&self) -> usize {
+        (self.grid.samples() / (WINDOW[1] + 8)).clamp(1, DEPTHS)
+    }
+
+    /// A frame as scanlines by samples, and which of these lie in the sector of the real frame, and not under an overlay of it.
+    pub fn beam(&self, frame: &Picture) -> (Picture, Vec<bool>) {
+        let (lines, samples) = (self.grid.lines(), self.grid.samples());
+        let (mut grey, mut inside) = (Vec::with_capacity(lines * samples), Vec::with_capacity(lines * samples));
+        for (sample, line) in (0..samples).flat_map(|sample| (0..lines).map(move |line| (sample, line))) {
+            let [x, y] = self.grid.to_plane(line as f64, sample as f64);
+            let [x, y] = self.image.to_pixel(x, y);
+            let within = x >= 0.0 && y >= 0.0 && x < (frame.width - 1) as f64 && y < (frame.height - 1) as f64;
+            if !within {
+                grey.push(0.0);
+                inside.push(false);
+                continue;
+            }
+            let (across, down) = (x.fract(), y.fract());
+            let at = y as usize * frame.width + x as usize;
+            let row = |at: usize| frame.grey[at] * (1.0 - across) + frame.grey[at + 1] * across;
+            grey.push(row(at) * (1.0 - down) + row(at + frame.width) * down);
+            let corners = [at, at + 1, at + frame.width, at + frame.width + 1];
+            let hidden = |at: &usize| self.picture.overlay.get(*at).copied().unwrap_or(false);
+            inside.push(corners.iter().all(|&at| self.mask[at]) && !corners.iter().any(hidden));
+        }
+        let beam = Picture {
+            width: lines,
+            height: samples,
+            grey,
+            ..Picture::default()
+        };
+        (beam, inside)
+    }
+
+    /// Frames of one tissue at the pixels of the real one.
+    pub fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
+        let settings = Settings {
+            seed: self.seed,
+            probe,
+            image: ImageSize {
+                width: self.picture.width,
+                height: self.picture.height,
+                margin: 0.0,
+                fill: 0,
+                placed: Some(self.image),
+            },
+            effects: effects.clone(),
+            has_needle: false,
+        };
+        let soft = Acoustics {
+            attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
+            ..acoustics
+        };
+        let mut synth = Synthesizer::new(uniform(soft), settings.clone(), Backend::Cpu)?;
+        let seeds = (0..PHANTOMS).map(|n| self.seed.wrapping_add(n));
+        let frame = |seed| {
+            synth.set(Settings {
+                seed,
+                ..settings.clone()
+            })?;
+            let frame = synth.render(&FrameState::at(nalgebra::Matrix4::identity()))?;
+            Ok(Picture {
+                width: frame.width,
+                height: frame.height,
+                grey: frame.pixels.iter().map(|&grey| f64::from(grey)).collect(),
+                ..Picture::default()
+            })
+        };
+        seeds.map(frame).collect()
+    }
+
+    pub fn depth_mm(&self, window: Window) -> f64 {
+        (window.y as f64 + window.height as f64 / 2.0) * self.grid.sample_spacing_mm()
+    }
+
+    /// Widths of the autocorrelation in a window, mm.
+    pub fn widths(&self, texture: &Texture, depth_mm: f64) -> [Option<f64>; 2] {
+        let spacing = [self.grid.sample_spacing_mm(), self.grid.lateral_spacing_mm(depth_mm)];
+        [0, 1].map(|axis| Some(texture.fwhm[axis]? * spacing[axis]))
+    }
+
+    /// Measures frames, at least one.
+    pub fn side(&self, mut frames: Vec<Picture>) -> Side {
+        let beams: Vec<Picture> = frames.iter().map(|frame| self.beam(frame).0).collect();
+        let (mut windows, mut grey, mut depths) = (Vec::new(), Vec::new(), Vec::new());
+        for group in &self.windows {
+            let places: Vec<f64> = group.iter().map(|&window| self.depth_mm(window)).collect();
+            let patch = |beam: &Picture, window: Window| Patch::of(&beam.grey, beam.width, window);
+            let patches = beams
+                .iter()
+                .flat_map(|beam| group.iter().map(move |&window| patch(beam, window)));
+            let patches: Vec<Patch> = patches.collect();
+            let textures: Vec<Texture> = patches.par_iter().map(Patch::texture).collect();
+            grey.extend(patches.into_iter().flat_map(|patch| patch.values));
+            let over = |of: &dyn Fn(usize) -> Option<f64>| median((0..textures.len()).filter_map(of).collect());
+            let width = |axis: usize| over(&|at| self.widths(&textures[at], places[at % places.len()])[axis]);
+            depths.push(AtDepth {
+                depth_mm: mean(&places),
+                windows: group.len(),
+                grey: over(&|at| Some(textures[at].mean)).unwrap_or_default(),
+                grey_std: over(&|at| Some(textures[at].std)).unwrap_or_default(),
+                axial_mm: width(0),
+                lateral_mm: width(1),
+            });
+            windows.push(textures);
+        }
+        let inside = |frame: &Picture| -> Vec<f64> {
+            let pixels = frame.grey.iter().zip(&self.mask).filter(|(_, inside)| **inside);
+            pixels.map(|(grey, _)| *grey).collect()
+        };
+        let lags = |axis: usize| {
+            let at = |lag: usize| {
+                let all = windows
+                    .iter()
+                    .flatten()
+                    .map(|it: &Texture| it.autocorrelation[axis][lag]);
+                mean(&all.collect::<Vec<f64>>())
+            };
+            (0..WINDOW[0].min(WINDOW[1]) / 2).map(at).collect()
+        };
+        Side {
+            depths,
+            histogram: histogram(&grey),
+            sector_histogram: histogram(&frames.iter().flat_map(inside).collect::<Vec<f64>>()),
+            autocorrelation_axial: lags(0),
+            autocorrelation_lateral: lags(1),
+            windows,
+            frame: frames.swap_remove(0),
+        }
+    }
+}
+
+/// Range of means, plus range of standard deviations, of the quarters of a window, in its own standard deviations.
+pub(super) fn unevenness(patch: &Patch) -> f64 {
+    let (width, height) = (patch.width / 2, patch.height / 2);
+    let quarters = [(0, 0), (width, 0), (0, height), (width, height)];
+    let values = quarters.map(|(x, y)| Patch::of(&patch.values, patch.width, Window { x, y, width, height }).values);
+    let range = |of: fn(&[f64]) -> f64| {
+        let all = values.each_ref().map(|values| of(values));
+        all.iter().fold(f64::MIN, |a, b| a.max(*b)) - all.iter().fold(f64::MAX, |a, b| a.min(*b))
+    };
+    (range(mean) + range(std)) / std(&patch.values)
+}
+
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let (low, high) = (
+        values.get(values.len().saturating_sub(1) / 2)?,
+        values.get(values.len() / 2)?,
+    );
+    Some(0.5 * (low + high))
+}
+
+/// Shares of grey levels 0 to 255.
+pub(super) fn histogram(greys: &[f64]) -> Vec<f64> {
+    let mut shares = vec![0.0; 256];
+    greys
+        .iter()
+        .for_each(|grey| shares[grey.round().clamp(0.0, 255.0) as usize] += 1.0 / greys.len() as f64);
+    shares
+}

@@ -1,0 +1,179 @@
+//! Corrections of a model by what its phantom shows in the windows of the real frame.
+
+use super::Side;
+use super::bench::{Bench, DEPTHS, WINDOWS, median};
+use super::model::Model;
+use crate::effects::receiver::Receiver;
+use crate::study::anatomies::SILENT;
+use crate::study::realism::DARK_WINDOW;
+use crate::study::realism::picture::Picture;
+use crate::study::realism::texture::{Patch, Texture, Window, dark_windows};
+use crate::study::spread::percentile;
+use crate::study::statistics::{mean, slope, std};
+use crate::synth::SynthError;
+
+/// Corrections of noise and clutter.
+const DARK_ROUNDS: usize = 3;
+/// Difference in depth over which a fading of clutter is fitted, mm.
+const FADING_MM: f64 = 10.0;
+
+/// What dark windows told.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Dark {
+    /// Windows of noise and of clutter.
+    pub windows: [usize; 2],
+    /// Spread of what they come to, dB.
+    pub spread_db: [Option<f64>; 2],
+    /// Whether the fading of clutter was fitted.
+    pub fades: bool,
+    /// Level that noise does not exceed, dB.
+    pub bound_db: f64,
+}
+
+impl Bench<'_> {
+    /// One round: corrects a model by its phantoms. The largest change, as a share.
+    pub fn correct(&self, model: &mut Model, real: &Side, own: &Side) -> f64 {
+        let before = model.clone();
+        let ratio = |of: &dyn Fn(&Texture) -> Option<f64>| {
+            let [real, own] = [real, own].map(|side| median(side.windows.iter().flatten().filter_map(of).collect()));
+            let ratio = real? / own?;
+            (ratio.is_finite() && ratio > 0.0).then_some(ratio)
+        };
+        let range = before.tone.dynamic_range_db / ratio(&|it| Some(it.std)).unwrap_or(1.0);
+        model.tone.dynamic_range_db = range.clamp(10.0, 120.0);
+        let axial = before.axial_mm * ratio(&|it| it.fwhm[0]).unwrap_or(1.0);
+        model.axial_mm = axial.clamp(0.05, 10.0);
+        let lateral_at = |model: &Model, depth: f64| model.spread(&model.probe(self.probe)).lateral_at(depth);
+        let lengths = real.depths.iter().zip(&own.depths).filter_map(|(real, own)| {
+            let length = lateral_at(&before, real.depth_mm) * real.lateral_mm? / own.lateral_mm?;
+            Some([real.depth_mm, length])
+        });
+        let lengths: Vec<[f64; 2]> = lengths.collect();
+        if !lengths.is_empty() {
+            model.focus(&lengths, self.probe.depth_mm);
+        }
+        // Greys of the phantom follow from gain and range, so the gain can be solved for.
+        let departure = |depth: f64| before.gain_db(depth) - before.tgc_db_cm() * depth / 10.0;
+        let gains = real.depths.iter().zip(&own.depths).map(|(real, own)| {
+            let shown = model.shown_db(real.grey) - before.shown_db(own.grey);
+            [real.depth_mm, shown + departure(real.depth_mm)]
+        });
+        let gains: Vec<[f64; 2]> = gains.collect();
+        let middle = mean(&gains.iter().map(|it| it[1]).collect::<Vec<f64>>());
+        model.tone.gain_db = middle.clamp(-60.0, 60.0);
+        model.tone.tgc_points = match gains.len() {
+            1 => Vec::new(),
+            _ => gains.iter().map(|[depth, gain]| [*depth, gain - middle]).collect(),
+        };
+        let moved = gains.iter().map(|&[depth, gain]| 0.1 * (gain - departure(depth)).abs());
+        let lateral = real
+            .depths
+            .iter()
+            .map(|it| lateral_at(model, it.depth_mm) / lateral_at(&before, it.depth_mm));
+        let shares = [
+            model.tone.dynamic_range_db / before.tone.dynamic_range_db,
+            model.axial_mm / before.axial_mm,
+        ];
+        let changes = shares.into_iter().chain(lateral).map(|share| share.ln().abs());
+        changes.chain(moved).fold(0.0, f64::max)
+    }
+
+    /// Sets noise and clutter by the dark windows of the real frame. What was found.
+    pub fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
+        let (beam, inside) = self.beam(self.picture);
+        let mut found = Dark::default();
+        // Noise shows at no depth above the darkest 2 % of its row.
+        let mut bound = f64::INFINITY;
+        for sample in 0..beam.height {
+            let row = sample * beam.width..(sample + 1) * beam.width;
+            let mut greys: Vec<f64> = row.filter(|&at| inside[at]).map(|at| beam.grey[at]).collect();
+            greys.sort_by(f64::total_cmp);
+            if let Some(grey) = percentile(&greys, 0.02).filter(|_| 2 * greys.len() > beam.width) {
+                bound = bound.min(model.level_db(grey, self.grid.sample_depth_mm(sample)));
+            }
+        }
+        found.bound_db = bound.clamp(-200.0, 20.0);
+        let spread = model.spread(&model.probe(self.probe));
+        let mut windows: [Vec<Window>; 2] = Default::default();
+        for window in dark_windows(&beam, &inside, [DARK_WINDOW; 2], DEPTHS * WINDOWS) {
+            let depth = self.depth_mm(window);
+            let width = self.widths(&Patch::of(&beam.grey, beam.width, window).texture(), depth)[1];
+            // Clutter is sound and at least as wide as the beam; noise is not.
+            windows[usize::from(width.is_none_or(|width| width >= spread.lateral_at(depth)))].push(window);
+        }
+        let greys = |frame: &Picture, windows: &[Window]| -> Vec<f64> {
+            windows
+                .iter()
+                .map(|&window| mean(&Patch::of(&frame.grey, frame.width, window).values))
+                .collect()
+        };
+        let real = [0, 1].map(|kind| greys(&beam, &windows[kind]));
+        let depths = [0, 1].map(|kind| {
+            windows[kind]
+                .iter()
+                .map(|&window| self.depth_mm(window))
+                .collect::<Vec<f64>>()
+        });
+        found.windows = [windows[0].len(), windows[1].len()];
+        let usual = Receiver::default();
+        model.receiver.noise_db = usual.noise_db.min(found.bound_db);
+        let level = |model: &Model, kind: usize, greys: &[f64]| -> Vec<f64> {
+            greys
+                .iter()
+                .zip(&depths[kind])
+                .map(|(grey, depth)| model.level_db(*grey, *depth))
+                .collect()
+        };
+        if !windows[0].is_empty() {
+            model.receiver.noise_db = mean(&level(model, 0, &real[0])).clamp(-200.0, 20.0);
+        }
+        let fade = |model: &Model, depth: f64| model.tgc_db_cm() * depth / 10.0;
+        if !windows[1].is_empty() {
+            // Level at the array, but for the loss in tissue.
+            let levels = level(model, 1, &real[1]);
+            let lossless: Vec<f64> = levels
+                .iter()
+                .zip(&depths[1])
+                .map(|(level, depth)| level + fade(model, *depth))
+                .collect();
+            let extent = depths[1]
+                .iter()
+                .fold(0.0, |most: f64, d| most.max((d - depths[1][0]).abs()));
+            if extent >= FADING_MM {
+                found.fades = true;
+                model.receiver.clutter_decay_db_cm = (-10.0 * slope(&depths[1], &lossless)).clamp(0.0, 50.0);
+            }
+            let decay = model.receiver.clutter_decay_db_cm;
+            let at_array = lossless
+                .iter()
+                .zip(&depths[1])
+                .map(|(level, depth)| level + decay * depth / 10.0);
+            model.receiver.clutter_db = mean(&at_array.collect::<Vec<f64>>()).clamp(-200.0, 20.0);
+        }
+        // Logarithms, sparse echoes and black make a mean grey of a power: what is left is taken off by the phantom that does not echo.
+        for _ in 0..DARK_ROUNDS {
+            if windows.iter().all(Vec::is_empty) {
+                break;
+            }
+            let silent = self.phantoms(model.probe(self.probe), &model.effects(), SILENT)?;
+            let silent: Vec<Picture> = silent.iter().map(|frame| self.beam(frame).0).collect();
+            let off = [0, 1].map(|kind| -> Vec<f64> {
+                let own: Vec<Vec<f64>> = silent.iter().map(|beam| greys(beam, &windows[kind])).collect();
+                let own = |at: usize| mean(&own.iter().map(|greys| greys[at]).collect::<Vec<f64>>());
+                let own: Vec<f64> = (0..windows[kind].len()).map(own).collect();
+                let pairs = level(model, kind, &real[kind])
+                    .into_iter()
+                    .zip(level(model, kind, &own));
+                pairs.map(|(real, own)| real - own).collect()
+            });
+            found.spread_db = [0, 1].map(|kind| (off[kind].len() > 1).then(|| std(&off[kind])));
+            if !off[0].is_empty() {
+                model.receiver.noise_db = (model.receiver.noise_db + mean(&off[0])).clamp(-200.0, 20.0);
+            }
+            if !off[1].is_empty() {
+                model.receiver.clutter_db = (model.receiver.clutter_db + mean(&off[1])).clamp(-200.0, 20.0);
+            }
+        }
+        Ok(found)
+    }
+}

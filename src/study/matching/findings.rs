@@ -1,0 +1,211 @@
+//! What a match says: figures with their spread, what the frame does not tell, what is doubtful, and the scene.
+
+use super::bench::{Bench, UNEVEN, median, unevenness};
+use super::correct::Dark;
+use super::model::{Model, rounded};
+use super::outline::Outline;
+use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
+use crate::phantom::Phantom;
+use crate::scene::{ImageSpec, SceneFile, VolumeSpec};
+use crate::study::realism::texture::{Patch, Texture, Window};
+use crate::study::statistics::std;
+use crate::tracking::probe::{ProbeKind, ProbeSpec};
+
+/// How much wider the beam must be at either end of the windows for its focus to count as seen.
+const FOCUSED: f64 = 1.1;
+
+impl Bench<'_> {
+    /// The model as a scene.
+    pub fn scene(&self, model: &Model) -> SceneFile {
+        let bounds = self.grid.bounds_mm();
+        let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
+        let mut scene = SceneFile::default();
+        scene.version = Some(crate::document::Version);
+        scene.seed = self.seed;
+        scene.volume = Some(VolumeSpec {
+            phantom: Some(Phantom::Abdomen),
+            ..VolumeSpec::default()
+        });
+        scene.probe = Some(ProbeSpec::from(model.probe(self.probe)));
+        scene.image = Some(ImageSpec {
+            width: pixels(0),
+            height: pixels(1),
+            margin: 0.0,
+            ..ImageSpec::default()
+        });
+        scene.effects = Some(model.effects());
+        scene
+    }
+
+    pub fn figures(&self, model: &Model, real: &Side, own: &Side, dark: Dark) -> Vec<Figure> {
+        let figure = |key, unit, value, spread| Figure {
+            key,
+            unit,
+            value: rounded(value),
+            spread,
+        };
+        let probe = ProbeSpec::from(self.probe);
+        let shape = [
+            ("probe.width_mm", "mm", probe.width_mm),
+            ("probe.radius_mm", "mm", probe.radius_mm),
+            ("probe.angle_deg", "degrees", probe.angle_deg),
+            ("probe.depth_mm", "mm", probe.depth_mm),
+        ];
+        let mut figures: Vec<Figure> = shape
+            .into_iter()
+            .filter_map(|(key, unit, value)| Some(figure(key, unit, value?, None)))
+            .collect();
+        // A ratio of windows scatters as the figure that it corrects.
+        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| {
+            let at_depth = |(real, own): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
+                let own = median(own.iter().filter_map(of).collect());
+                real.iter().filter_map(|it| Some((of(it)? / own?).ln())).collect()
+            };
+            let ratios: Vec<f64> = real.windows.iter().zip(&own.windows).flat_map(at_depth).collect();
+            (ratios.len() > 1).then(|| std(&ratios))
+        };
+        let share = |value: f64, spread: Option<f64>| spread.map(|spread| rounded(value * spread));
+        let range = model.tone.dynamic_range_db;
+        let gain = scatter(&|it| Some((it.mean / 255.0 * range).exp())).map(rounded);
+        let receiver = &model.receiver;
+        figures.extend([
+            figure(
+                "effects.tone.dynamic_range_db",
+                "dB",
+                range,
+                share(range, scatter(&|it| Some(it.std))),
+            ),
+            figure("effects.tone.gain_db", "dB", model.tone.gain_db, gain),
+            figure(
+                "effects.speckle.axial_mm",
+                "mm",
+                model.axial_mm,
+                share(model.axial_mm, scatter(&|it| it.fwhm[0])),
+            ),
+            figure(
+                "effects.speckle.lateral_mm",
+                "mm",
+                model.lateral_mm,
+                share(model.lateral_mm, scatter(&|it| it.fwhm[1])),
+            ),
+            figure("effects.speckle.focus_mm", "mm", model.focus_mm, None),
+            figure("effects.speckle.focal_zone_mm", "mm", model.focal_zone_mm, None),
+            figure(
+                "effects.receiver.noise_db",
+                "dB",
+                receiver.noise_db,
+                dark.spread_db[0].map(rounded),
+            ),
+            figure(
+                "effects.receiver.clutter_db",
+                "dB",
+                receiver.clutter_db,
+                dark.spread_db[1].map(rounded),
+            ),
+            figure(
+                "effects.receiver.clutter_decay_db_cm",
+                "dB/cm",
+                receiver.clutter_decay_db_cm,
+                None,
+            ),
+        ]);
+        figures
+    }
+
+    pub fn unidentified(&self, model: &Model, real: &Side, outline: Outline, dark: Dark) -> Vec<Unidentified> {
+        let mut list = Vec::new();
+        let mut tell = |what, why: &str| {
+            list.push(Unidentified {
+                what,
+                why: why.to_owned(),
+            })
+        };
+        tell(
+            "frequency",
+            "an axial length is that of a bandwidth, at any frequency; frequency_mhz is the one whose default point spread is as long",
+        );
+        tell(
+            "attenuation",
+            "tissue that attenuates more looks like less time-gain compensation; the curve takes 0.5 dB/cm/MHz for the tissue",
+        );
+        tell(
+            "echogenicity",
+            "brighter tissue looks like more gain; the gain takes the windows for tissue of 0 dB, as liver",
+        );
+        tell(
+            "dynamic range by itself",
+            "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve and a blur of 0.4 lateral lengths",
+        );
+        tell("elevational width", "a frame shows one plane; it follows the frequency");
+        tell("ring-down", "it lies above the windows; it has its default");
+        let spread = model.spread(&model.probe(self.probe));
+        let ends =
+            [real.depths.first(), real.depths.last()].map(|it| it.map_or(0.0, |it| spread.lateral_at(it.depth_mm)));
+        if ends.iter().any(|end| *end < FOCUSED * model.lateral_mm) {
+            tell(
+                "focus",
+                "the lateral width has no minimum within the windows; focus_mm and focal_zone_mm only give its course there",
+            );
+        }
+        if real.depths.iter().all(|it| it.lateral_mm.is_none()) {
+            tell(
+                "lateral width",
+                "the autocorrelation across stays above one half in all windows: layers, no speckle; it has its default",
+            );
+        }
+        for (seen, what) in outline.seen.iter().zip(["array", "depth", "field of view"]) {
+            if !seen {
+                tell(
+                    what,
+                    "no line or arc at this edge of the sector: it reaches as far as the frame shows echoes",
+                );
+            }
+        }
+        if dark.windows[0] == 0 {
+            let most = rounded(dark.bound_db);
+            tell(
+                "noise",
+                &format!(
+                    "no dark window with grain narrower than the beam; by the darkest 2 % of each depth it is at most {most} dB"
+                ),
+            );
+        }
+        if dark.windows[1] == 0 {
+            tell(
+                "clutter",
+                "no dark window with grain as wide as the beam; it has its default",
+            );
+        }
+        if !dark.fades {
+            tell(
+                "fading of clutter",
+                "dark windows of clutter lie at one depth, or there are none; it has its default",
+            );
+        }
+        list
+    }
+
+    /// What is doubtful.
+    pub fn notes(&self, real: &Side, residual: f64) -> Vec<String> {
+        let mut notes = Vec::new();
+        let (beam, _) = self.beam(self.picture);
+        let uneven = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) > UNEVEN;
+        if self.windows.iter().flatten().any(uneven) {
+            notes.push("no window is uniform: figures are those of structure, not of speckle".to_owned());
+        }
+        if real.depths.len() < self.bands() {
+            let (found, all) = (real.depths.len(), self.bands());
+            notes.push(format!(
+                "uniform windows at {found} of {all} depths: between and beyond them the gain goes on as it is there"
+            ));
+        }
+        if residual > SETTLED {
+            let percent = 100.0 * residual;
+            notes.push(format!("figures still change by {percent:.1} % after {ROUNDS} rounds"));
+        }
+        if self.probe.shape.kind() == ProbeKind::Phased && real.depths.len() < 2 {
+            notes.push("windows at one depth do not tell how a phased beam widens".to_owned());
+        }
+        notes
+    }
+}

@@ -1,0 +1,142 @@
+//! The parameters that are looked for, and the effects that they make.
+
+use crate::effects::point_spread::{self, PointSpread};
+use crate::effects::receiver::Receiver;
+use crate::effects::tone::{MID_GREY, SOFT_TISSUE_DB_CM_MHZ, Tone};
+use crate::effects::{Effects, blur::Blur, speckle::Speckle};
+use crate::study::statistics::mean;
+use crate::tracking::probe::Probe;
+
+/// Width of the blur, as the default has it over the lateral length: 2.1 mm over 5.25 mm at 1 MHz, and 0.21 mm/cm.
+const BLUR: [f64; 2] = [0.4, 0.04];
+/// Spread of lateral widths over depth up to which they are taken for constant, share.
+const CONSTANT: f64 = 0.05;
+
+/// The parameters that are looked for.
+#[derive(Clone, Debug)]
+pub(super) struct Model {
+    pub axial_mm: f64,
+    pub lateral_mm: f64,
+    pub focus_mm: f64,
+    pub focal_zone_mm: f64,
+    pub tone: Tone,
+    pub receiver: Receiver,
+}
+
+/// A value to four significant digits, as files show it.
+pub(super) fn rounded(value: f64) -> f64 {
+    let digits = (3.0 - value.abs().max(1e-3).log10().floor()) as i32;
+    let scale = 10f64.powi(digits);
+    (value * scale).round() / scale
+}
+
+impl Model {
+    /// Effects as by default under a probe, but for automatic gain and the curve.
+    pub fn start(probe: &Probe) -> Self {
+        let spread = PointSpread::new(&Speckle::default(), probe);
+        Self {
+            axial_mm: spread.axial_mm,
+            lateral_mm: spread.lateral_mm,
+            focus_mm: spread.focus_mm,
+            focal_zone_mm: 1e4,
+            tone: Tone::linear(),
+            receiver: Receiver::default(),
+        }
+    }
+
+    /// The frequency whose default point spread has this axial length, MHz, within those of clinical probes.
+    fn frequency_mhz(&self) -> f64 {
+        rounded((point_spread::AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
+    }
+
+    pub fn tgc_db_cm(&self) -> f64 {
+        2.0 * SOFT_TISSUE_DB_CM_MHZ * self.frequency_mhz()
+    }
+
+    pub fn probe(&self, probe: Probe) -> Probe {
+        let frequency_mhz = self.frequency_mhz();
+        Probe { frequency_mhz, ..probe }
+    }
+
+    /// The usual effects with these parameters, rounded as they are written.
+    pub fn effects(&self) -> Effects {
+        let [lateral, axial] = [self.lateral_mm, self.axial_mm].map(rounded);
+        let tone = Tone {
+            gain_db: rounded(self.tone.gain_db),
+            tgc_db_cm: Some(self.tgc_db_cm()),
+            tgc_points: self.tone.tgc_points.iter().map(|point| point.map(rounded)).collect(),
+            dynamic_range_db: rounded(self.tone.dynamic_range_db),
+            ..self.tone.clone()
+        };
+        Effects {
+            speckle: Some(Speckle {
+                axial_mm: Some(axial),
+                lateral_mm: Some(lateral),
+                elevational_mm: None,
+                focus_mm: Some(rounded(self.focus_mm)),
+                focal_zone_mm: Some(rounded(self.focal_zone_mm)),
+            }),
+            blur: Some(Blur {
+                width_mm: Some(rounded(BLUR[0] * lateral)),
+                growth_mm_cm: Some(rounded(BLUR[1] * lateral).min(5.0)),
+            }),
+            receiver: Some(Receiver {
+                noise_db: rounded(self.receiver.noise_db),
+                clutter_db: rounded(self.receiver.clutter_db),
+                clutter_decay_db_cm: rounded(self.receiver.clutter_decay_db_cm),
+                ..self.receiver
+            }),
+            tone: Some(tone),
+            ..Effects::usual()
+        }
+    }
+
+    pub fn spread(&self, probe: &Probe) -> PointSpread {
+        PointSpread::new(&self.effects().speckle.unwrap_or_default(), probe)
+    }
+
+    /// Gain and compensation at a depth, dB.
+    pub fn gain_db(&self, depth_mm: f64) -> f64 {
+        self.effects()
+            .tone
+            .map_or(0.0, |tone| tone.gain_at_db(depth_mm, 0.0, None))
+    }
+
+    /// Level of a grey before gain, dB relative to the echo of liver at the array.
+    pub fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
+        self.shown_db(grey) - self.gain_db(depth_mm)
+    }
+
+    /// Level of a grey after gain, dB.
+    pub fn shown_db(&self, grey: f64) -> f64 {
+        (grey / 255.0 - MID_GREY) * self.tone.dynamic_range_db
+    }
+
+    /// Takes the lateral lengths at some depths for those of a Gaussian beam about its focus, by least squares of their logarithms.
+    pub fn focus(&mut self, depths: &[[f64; 2]], depth_mm: f64) {
+        let fit = |focus: f64, zone: f64| {
+            let shape = |depth: f64| (1.0 + ((depth - focus) / zone).powi(2)).sqrt().ln();
+            let rest: Vec<f64> = depths.iter().map(|[depth, width]| width.ln() - shape(*depth)).collect();
+            let middle = mean(&rest);
+            (
+                rest.iter().map(|r| (r - middle).powi(2)).sum::<f64>(),
+                middle.exp(),
+                focus,
+                zone,
+            )
+        };
+        let mut best = fit(depth_mm / 2.0, 1e4);
+        if best.0 > depths.len() as f64 * CONSTANT * CONSTANT && depths.len() > 2 {
+            for focus in (0..=40).map(|n| f64::from(n) / 40.0 * depth_mm) {
+                // From a fiftieth of the depth to twice of it.
+                for zone in (0..=40).map(|n| 0.02 * 100f64.powf(f64::from(n) / 40.0) * depth_mm) {
+                    let tried = fit(focus, zone.max(1.0));
+                    if tried.0 < best.0 {
+                        best = tried;
+                    }
+                }
+            }
+        }
+        (self.lateral_mm, self.focus_mm, self.focal_zone_mm) = (best.1.clamp(0.05, 20.0), best.2, best.3);
+    }
+}

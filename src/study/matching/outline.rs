@@ -1,0 +1,324 @@
+//! The outline of a sector: two arcs and two lines about an apex, or a rectangle, fitted to the rim of a mask.
+
+use std::cmp::Reverse;
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{SMatrix, SVector};
+use serde::Serialize;
+
+/// Pixels from the rim of the picture within which the rim of the mask says nothing: the sector may go on beyond.
+const RIM: usize = 4;
+/// Width of the classes in which points of the rim vote for radii and angles, pixels.
+const CLASS: f64 = 3.0;
+/// Points of the rim that vote, and that are fitted to; more are thinned out evenly.
+const VOTERS: usize = 600;
+/// Apices that are tried: so many across the mask, and so many above its top, up to [`HIGHEST`] of its heights.
+const TRIED: [usize; 2] = [33, 48];
+const HIGHEST: f64 = 6.0;
+/// Distance within which points of the rim count as on the outline, pixels: from what votes resolve down to what a mask resolves.
+const NEAR: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
+/// Least cosine of the angle between the direction into the mask and that of an edge.
+const ALONG: f64 = 0.75;
+/// Least share of an edge's length in the picture that the rim of the mask must lie on for the edge to be seen.
+const SEEN: f64 = 0.2;
+/// Least angle between the vertical and the sides of a fan, radians: the narrowest fields of view are 20 degrees.
+const NARROWEST: f64 = 0.17;
+/// Largest share of the mask that may lie beyond an edge.
+const BEYOND: f64 = 0.05;
+/// Least share of a rectangle that its mask must fill, and that where its left or right side neither shows nor is cut off by the picture.
+const FILLED: [f64; 2] = [0.5, 0.9];
+
+/// A sector in pixels: centres of pixels have whole coordinates, rows run downwards, the array is at the top.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Shape {
+    /// Scanlines side by side.
+    Rectangle {
+        /// First and last column.
+        columns: [f64; 2],
+        /// First and last row.
+        rows: [f64; 2],
+    },
+    /// Scanlines from one point.
+    Fan {
+        /// Where they meet: column and row.
+        apex: [f64; 2],
+        /// Radii of the array and of the far edge.
+        radii: [f64; 2],
+        /// Angle between the vertical and the last scanline on either side, radians (up to half a right angle short of a half turn).
+        half: f64,
+    },
+}
+
+/// A sector and which of its edges show.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Outline {
+    /// The sector.
+    #[serde(flatten)]
+    pub shape: Shape,
+    /// Whether the array, the far edge and the sides were found as edges of the mask; the others are as far as it reaches.
+    pub seen: [bool; 3],
+}
+
+impl Outline {
+    /// The outline that most of the rim of a mask lies on; none where neither arcs and lines nor a rectangle fit.
+    pub fn of(mask: &[bool], width: usize) -> Option<Self> {
+        let size = [width, mask.len() / width];
+        let inside: Vec<[f64; 2]> = (0..mask.len())
+            .filter(|&at| mask[at])
+            .map(|at| [(at % width) as f64, (at / width) as f64])
+            .collect();
+        let rim: Vec<Point> = (0..mask.len()).filter_map(|at| on_rim(mask, at, size)).collect();
+        let [fan, rectangle] = [fan(&rim, &inside, size), rectangle(&rim, &inside, size)];
+        match (fan, rectangle) {
+            // A fan bends and opens as it likes: it must be better by a tenth.
+            (Some(fan), Some(rectangle)) => Some(if fan.1 > 1.1 * rectangle.1 { fan.0 } else { rectangle.0 }),
+            (fan, rectangle) => fan.or(rectangle).map(|found| found.0),
+        }
+    }
+}
+
+/// A point of the rim of a mask: column, row, and the direction into the mask.
+type Point = [f64; 4];
+
+/// A pixel of the mask that has a neighbour outside it, away from the rim of the picture.
+fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<Point> {
+    let (x, y) = (at % width, at / width);
+    let inside = mask[at]
+        && (RIM..width.saturating_sub(RIM)).contains(&x)
+        && (RIM..height.saturating_sub(RIM)).contains(&y)
+        && [at - 1, at + 1, at - width, at + width].iter().any(|&next| !mask[next]);
+    if !inside {
+        return None;
+    }
+    let (mut across, mut down) = (0.0, 0.0);
+    let reach = RIM as i32;
+    for (dx, dy) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy))) {
+        if mask[(y as i32 + dy) as usize * width + (x as i32 + dx) as usize] {
+            (across, down) = (across + f64::from(dx), down + f64::from(dy));
+        }
+    }
+    let length = f64::hypot(across, down);
+    (length > 0.0).then(|| [x as f64, y as f64, across / length, down / length])
+}
+
+/// The value that a share of some values is at most.
+fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * share).round() as usize]
+}
+
+/// Length of an edge, given as points 1 pixel apart, that lies in the picture away from its rim.
+fn visible(edge: impl Iterator<Item = [f64; 2]>, size: [usize; 2]) -> f64 {
+    let within = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM as f64 && p[i] < size[i] as f64 - RIM as f64);
+    edge.filter(within).count() as f64
+}
+
+/// Whether so many pixels of a rim make an edge of such a length.
+fn is_seen(agreeing: f64, visible: f64) -> bool {
+    agreeing >= SEEN * visible && visible > 10.0
+}
+
+/// The rectangle whose sides most of the rim lies on, and how much of it does.
+fn rectangle(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
+    let (mut edges, mut seen, mut agreement) = ([[0.0; 2]; 2], [[false; 2]; 2], 0.0);
+    for axis in 0..2 {
+        let extent = [0.002, 0.998].map(|share| quantile(inside.iter().map(|p| p[axis]).collect(), share));
+        for side in 0..2 {
+            // The column, or row, of this half of the mask that most of the rim lies on, with its neighbours.
+            let inwards = |p: &&Point| [1.0, -1.0][side] * p[2 + axis] > ALONG;
+            let near = |p: &Point, place: usize| (p[axis] - place as f64).abs() < 1.5;
+            let count = |place: usize| rim.iter().filter(inwards).filter(|p| near(p, place)).count();
+            let middle = (0.5 * (extent[0] + extent[1])) as usize;
+            let half = if side == 0 { 0..middle } else { middle..size[axis] };
+            let best = half.max_by_key(|&place| count(place))?;
+            let across = extent_of(inside, 1 - axis);
+            seen[axis][side] = is_seen(count(best) as f64, across);
+            let outwards = [-0.5, 0.5][side];
+            edges[axis][side] = if seen[axis][side] { best as f64 } else { extent[side] } + outwards;
+            agreement += if seen[axis][side] { count(best) as f64 } else { 0.0 };
+        }
+    }
+    let [columns, rows] = edges;
+    let area = (columns[1] - columns[0]) * (rows[1] - rows[0]);
+    let outline = Outline {
+        shape: Shape::Rectangle { columns, rows },
+        seen: [seen[1][0], seen[1][1], seen[0][0] && seen[0][1]],
+    };
+    let cut = [columns[0] < RIM as f64, columns[1] > (size[0] - RIM) as f64];
+    let sides = (0..2).all(|side| seen[0][side] || cut[side]);
+    (inside.len() as f64 >= FILLED[usize::from(!sides)] * area).then_some((outline, agreement))
+}
+
+fn extent_of(points: &[[f64; 2]], axis: usize) -> f64 {
+    let fold = |of: fn(f64, f64) -> f64, from: f64| points.iter().map(|p| p[axis]).fold(from, of);
+    fold(f64::max, 0.0) - fold(f64::min, f64::MAX)
+}
+
+/// Column and row of the apex, radii of the array and of the far edge, angle of the sides.
+type Numbers = [f64; 5];
+
+/// Radius and signed angle from the vertical about an apex.
+fn polar(apex: [f64; 2], x: f64, y: f64) -> [f64; 2] {
+    [(x - apex[0]).hypot(y - apex[1]), (x - apex[0]).atan2(y - apex[1])]
+}
+
+/// Which edge a point of the rim may lie on by the direction into the mask: 0 the array, 1 the far edge, 2 a side.
+fn edge_of(angle: f64, p: Point) -> Option<usize> {
+    let (sine, cosine) = angle.sin_cos();
+    let (along, across) = (p[2] * sine + p[3] * cosine, p[2] * cosine - p[3] * sine);
+    let fits = [along, -along, -across * angle.signum()];
+    fits.iter().position(|fit| *fit > ALONG)
+}
+
+/// Signed distance of a point outwards from an edge.
+fn distance(fan: Numbers, edge: usize, p: Point) -> f64 {
+    let [x, y, near, far, half] = fan;
+    let [radius, angle] = polar([x, y], p[0], p[1]);
+    [near - radius, radius - far, radius * (angle.abs() - half)][edge]
+}
+
+/// The edge that a point lies on, and its signed distance from it, if that is less than `within` and the point not beside the edge.
+fn nearest(fan: Numbers, p: Point, within: f64) -> Option<(usize, f64)> {
+    let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
+    let edge = edge_of(angle, p)?;
+    let beside = match edge {
+        2 => !(fan[2] - within..fan[3] + within).contains(&radius),
+        _ => distance(fan, 2, p) > within,
+    };
+    let off = distance(fan, edge, p);
+    (!beside && off.abs() < within).then_some((edge, off))
+}
+
+/// The fan whose edges most of the rim lies on, and how much of it does.
+fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
+    let voters: Vec<Point> = rim.iter().copied().step_by(rim.len().div_ceil(VOTERS).max(1)).collect();
+    let mut found = guessed(&voters)?;
+    for within in NEAR {
+        for _ in 0..3 {
+            found = refined(found, &voters, within);
+        }
+    }
+    let last = NEAR[NEAR.len() - 1];
+    let mut on_edge = [0.0; 3];
+    for (edge, _) in rim.iter().filter_map(|&p| nearest(found, p, last)) {
+        on_edge[edge] += 1.0;
+    }
+    let [x, y, near, far, half] = found;
+    let at = |radius: f64, angle: f64| [x + radius * angle.sin(), y + radius * angle.cos()];
+    let arc = |radius: f64| (0..(2.0 * half * radius) as usize).map(move |n| at(radius, n as f64 / radius - half));
+    let side = |sign: f64| (near as usize..far as usize).map(move |radius| at(radius as f64, sign * half));
+    let lengths = [
+        visible(arc(near), size),
+        visible(arc(far), size),
+        visible(side(-1.0).chain(side(1.0)), size),
+    ];
+    // What is dark within a sector has edges too, but echoes beyond them.
+    let outside = |edge: usize| {
+        let beyond = |p: &&[f64; 2]| distance(found, edge, [p[0], p[1], 0.0, 0.0]) > NEAR[3];
+        inside.iter().filter(beyond).count() as f64 <= BEYOND * inside.len() as f64
+    };
+    let seen: [bool; 3] = std::array::from_fn(|edge| is_seen(on_edge[edge], lengths[edge]) && outside(edge));
+    if seen.iter().filter(|seen| **seen).count() < 2 {
+        return None;
+    }
+    let around: Vec<[f64; 2]> = inside.iter().map(|p| polar([x, y], p[0], p[1])).collect();
+    let extreme = |of: &dyn Fn(&[f64; 2]) -> f64, share| quantile(around.iter().map(of).collect(), share);
+    let radii = [
+        if seen[0] { near } else { extreme(&|p| p[0], 0.0005) } - 0.5,
+        if seen[1] { far } else { extreme(&|p| p[0], 0.9995) } + 0.5,
+    ];
+    let half = if seen[2] { half } else { extreme(&|p| p[1].abs(), 0.998) } + 1.0 / (radii[0] + radii[1]);
+    let radii = [radii[0].max(0.0), radii[1]];
+    let outline = Outline {
+        shape: Shape::Fan {
+            apex: [x, y],
+            radii,
+            half,
+        },
+        seen,
+    };
+    let valid = radii[1] > radii[0] && half > 0.0 && half < 1.9 * FRAC_PI_2;
+    valid.then_some((
+        outline,
+        (0..3).filter(|&edge| seen[edge]).map(|edge| on_edge[edge]).sum(),
+    ))
+}
+
+/// The fan whose radii and angle get most votes (P. V. C. Hough, US patent 3,069,654, 1962), over a lattice of apices.
+fn guessed(voters: &[Point]) -> Option<Numbers> {
+    let bound = |axis: usize, of: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(of);
+    let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];
+    let [width, height] = [bound(0, f64::max)? - left, bound(1, f64::max)? - top];
+    if width.min(height) < 10.0 * CLASS {
+        return None;
+    }
+    let mut best = (0, None);
+    for column in 0..TRIED[0] {
+        let x = left + width * (0.25 + 0.5 * column as f64 / (TRIED[0] - 1) as f64);
+        for row in 0..TRIED[1] {
+            let y = top - (HIGHEST * height + 1.0).powf(row as f64 / (TRIED[1] - 1) as f64) + 1.0;
+            let around: Vec<[f64; 2]> = voters.iter().map(|p| polar([x, y], p[0], p[1])).collect();
+            let farthest = around.iter().map(|p| p[0]).fold(0.0, f64::max);
+            let turn = CLASS / (0.6 * farthest);
+            let mut votes = [(); 3].map(|()| vec![0usize; (farthest / CLASS).max(2.0 * FRAC_PI_2 / turn) as usize + 2]);
+            for (&[radius, angle], &p) in around.iter().zip(voters) {
+                if let Some(edge) = edge_of(angle, p) {
+                    let place = if edge == 2 { angle.abs() / turn } else { radius / CLASS };
+                    votes[edge][place as usize] += 1;
+                }
+            }
+            // Two neighbouring classes, the first of several equal ones.
+            let peak = |votes: &[usize], first: usize| {
+                let pairs = (first + 1..votes.len()).map(|at| (votes[at - 1] + votes[at], at));
+                pairs
+                    .max_by_key(|&(count, at)| (count, Reverse(at)))
+                    .unwrap_or_default()
+            };
+            let [near, far] = [0, 1].map(|edge| peak(&votes[edge], 0));
+            let sides = peak(&votes[2], (NARROWEST / turn) as usize);
+            let count = near.0 + far.0 + sides.0;
+            if count > best.0 {
+                let radii = [near.1, far.1].map(|at| at as f64 * CLASS);
+                let half = (sides.1 as f64 * turn).min(1.8 * FRAC_PI_2);
+                // An array or a far edge that is not there lies at the end of the mask.
+                let far = if radii[1] > radii[0] { radii[1] } else { farthest };
+                best = (count, Some([x, y, radii[0], far, half]));
+            }
+        }
+    }
+    best.1
+}
+
+/// One step of least squares over the points near an edge, weighted down as they lie off (J. W. Tukey's biweight).
+fn refined(fan: Numbers, points: &[Point], within: f64) -> Numbers {
+    // A pixel at the far edge.
+    let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
+    let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;
+    let mut right = SVector::<f64, 5>::zeros();
+    for &p in points {
+        let Some((edge, d)) = nearest(fan, p, within) else {
+            continue;
+        };
+        let weight = (1.0 - (d / within).powi(2)).powi(2);
+        let slopes = SVector::<f64, 5>::from_fn(|i, _| {
+            let moved = |sign: f64| {
+                let mut fan = fan;
+                fan[i] += sign * 0.01 * scale[i];
+                distance(fan, edge, p)
+            };
+            (moved(1.0) - moved(-1.0)) / 0.02
+        });
+        normal += weight * slopes * slopes.transpose();
+        right -= weight * d * slopes;
+    }
+    let step = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
+    // Steps are bounded by what the points near an edge can know of.
+    let bounded = step * (within / step.norm().max(within));
+    let moved: Numbers = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
+    if moved[2] > 0.0 && moved[3] > moved[2] && moved[4] > 0.0 {
+        moved
+    } else {
+        fan
+    }
+}

@@ -1,0 +1,400 @@
+use nalgebra::Matrix4;
+
+use super::*;
+use crate::effects::receiver::Receiver;
+use crate::effects::speckle::Speckle;
+use crate::effects::tone::{SOFT_TISSUE_DB_CM_MHZ, Tone};
+use crate::scene::SceneFile;
+use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
+use crate::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::synth::{Backend, FrameState, Synthesizer};
+use crate::tracking::probe::{Probe, ProbeShape};
+
+const CURVED: ProbeShape = ProbeShape::Curvilinear {
+    radius_mm: 60.0,
+    angle_deg: 66.0,
+};
+const STRAIGHT: ProbeShape = ProbeShape::Linear { width_mm: 38.0 };
+
+/// Settings that are to be found again.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    shape: ProbeShape,
+    depth_mm: f64,
+    size: [usize; 2],
+    axial_mm: f64,
+    lateral_mm: f64,
+    focus_mm: Option<f64>,
+    focal_zone_mm: f64,
+    range_db: f64,
+    gain_db: f64,
+    /// dB per cm on top of the compensation of average tissue, about the middle.
+    slope_db_cm: f64,
+}
+
+const KNOWN: Known = Known {
+    shape: CURVED,
+    depth_mm: 140.0,
+    size: [390, 300],
+    axial_mm: 0.85,
+    lateral_mm: 1.5,
+    focus_mm: None,
+    focal_zone_mm: 140.0,
+    range_db: 60.0,
+    gain_db: 0.0,
+    slope_db_cm: 0.0,
+};
+
+impl Known {
+    fn effects(&self) -> Effects {
+        let slope = self.slope_db_cm * self.depth_mm / 20.0;
+        Effects {
+            speckle: Some(Speckle {
+                axial_mm: Some(self.axial_mm),
+                lateral_mm: Some(self.lateral_mm),
+                focus_mm: self.focus_mm,
+                focal_zone_mm: Some(self.focal_zone_mm),
+                ..Speckle::default()
+            }),
+            tone: Some(Tone {
+                gain_db: self.gain_db,
+                tgc_points: vec![[0.0, -slope], [self.depth_mm, slope]],
+                dynamic_range_db: self.range_db,
+                ..Tone::linear()
+            }),
+            ..Effects::usual()
+        }
+    }
+
+    /// A frame on the grid of a probe by default, which is not that of a match.
+    fn frame(&self, anatomy: Anatomy, effects: Effects) -> Picture {
+        let settings = Settings {
+            seed: 77,
+            probe: Probe::new(self.shape, self.depth_mm).unwrap(),
+            image: ImageSize {
+                width: self.size[0],
+                height: self.size[1],
+                margin: 0.03,
+                fill: 0,
+                placed: None,
+            },
+            effects,
+            has_needle: false,
+        };
+        let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
+        let frame = synth.render(&FrameState::at(Matrix4::identity())).unwrap();
+        Picture {
+            name: "real.png".to_owned(),
+            width: frame.width,
+            height: frame.height,
+            grey: frame.pixels.iter().map(|&grey| f64::from(grey)).collect(),
+            mm: Some([frame.pixel_mm; 2]),
+            ..Picture::default()
+        }
+    }
+
+    fn uniform(&self) -> Picture {
+        let soft = Acoustics {
+            attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
+            ..PLAIN
+        };
+        self.frame(anatomies::uniform(soft), self.effects())
+    }
+}
+
+fn value(found: &Match, key: &str) -> f64 {
+    let figure = found.figures.iter().find(|it| it.key.ends_with(key));
+    figure.unwrap_or_else(|| panic!("{key}: {:?}", found.figures)).value
+}
+
+fn near(what: &str, found: f64, expected: f64, tolerance: f64) {
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{what}: {found}, not {expected} +- {tolerance}"
+    );
+}
+
+fn found(case: &Known) -> Match {
+    fit(&case.uniform(), None, 0).unwrap()
+}
+
+fn is_told(found: &Match, what: &str) -> bool {
+    !found.unidentified.iter().any(|it| it.what == what)
+}
+
+/// Lateral length of the scene found, mm.
+fn lateral_at(found: &Match, depth_mm: f64) -> f64 {
+    let away = (depth_mm - value(found, "focus_mm")) / value(found, "focal_zone_mm");
+    value(found, ".lateral_mm") * away.hypot(1.0)
+}
+
+/// Gain of the scene found at a depth, without the compensation of average tissue, dB.
+fn gain_at(found: &Match, depth_mm: f64) -> f64 {
+    let scene: SceneFile = toml::from_str(&found.scene).unwrap();
+    let mut tone = scene.effects.unwrap().tone.unwrap();
+    tone.tgc_db_cm = Some(0.0);
+    tone.gain_at_db(depth_mm, 0.0, None)
+}
+
+/// Shares by which figures are off: range, axial and lateral length at three depths, and dB by which the gain there is.
+fn errors(case: &Known, found: &Match) -> [f64; 4] {
+    let depths = [0.2, 0.5, 0.8].map(|share| share * case.depth_mm);
+    let worst = |of: &dyn Fn(f64) -> f64| {
+        depths
+            .into_iter()
+            .map(of)
+            .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a })
+    };
+    let lateral = |depth: f64| {
+        let focus = case.focus_mm.unwrap_or(case.depth_mm / 2.0);
+        case.lateral_mm * ((depth - focus) / case.focal_zone_mm).hypot(1.0)
+    };
+    let gain = |depth: f64| case.gain_db + case.slope_db_cm * (depth - case.depth_mm / 2.0) / 10.0;
+    [
+        value(found, "dynamic_range_db") / case.range_db - 1.0,
+        value(found, "axial_mm") / case.axial_mm - 1.0,
+        worst(&|depth| lateral_at(found, depth) / lateral(depth) - 1.0),
+        worst(&|depth| gain_at(found, depth) - gain(depth)),
+    ]
+}
+
+/// The blur of these frames is the default of their frequency, and the lateral length too, as a match takes it.
+#[test]
+fn known_settings_are_found_again() {
+    let phased = ProbeShape::Phased { angle_deg: 84.0 };
+    let straight = Known {
+        shape: STRAIGHT,
+        depth_mm: 50.0,
+        axial_mm: 0.33,
+        lateral_mm: 0.6,
+        focal_zone_mm: 1000.0,
+        ..KNOWN
+    };
+    let cases = [
+        KNOWN,
+        Known {
+            range_db: 45.0,
+            gain_db: -4.0,
+            ..KNOWN
+        },
+        Known {
+            range_db: 70.0,
+            gain_db: 4.0,
+            slope_db_cm: 0.6,
+            ..KNOWN
+        },
+        Known { axial_mm: 1.2, ..KNOWN },
+        Known {
+            shape: phased,
+            axial_mm: 1.12,
+            lateral_mm: 2.1,
+            ..KNOWN
+        },
+        straight,
+        Known {
+            range_db: 70.0,
+            gain_db: 3.0,
+            slope_db_cm: -2.0,
+            ..straight
+        },
+    ];
+    for case in cases {
+        let found = found(&case);
+        let off = errors(&case, &found);
+        eprintln!(
+            "{:?} {:?} {off:.3?} rounds {} residual {:.3} score {:?} default {:?}",
+            case.shape, case.range_db, found.rounds, found.residual, found.score, found.default_score
+        );
+        for (key, expected) in [
+            (
+                "radius_mm",
+                match case.shape {
+                    ProbeShape::Curvilinear { radius_mm, .. } => Some(radius_mm),
+                    _ => None,
+                },
+            ),
+            (
+                "angle_deg",
+                match case.shape {
+                    ProbeShape::Curvilinear { angle_deg, .. } | ProbeShape::Phased { angle_deg } => Some(angle_deg),
+                    _ => None,
+                },
+            ),
+            (
+                "width_mm",
+                match case.shape {
+                    ProbeShape::Linear { width_mm } => Some(width_mm),
+                    _ => None,
+                },
+            ),
+            ("depth_mm", Some(case.depth_mm)),
+        ] {
+            let figure = found
+                .figures
+                .iter()
+                .find(|it| it.key.ends_with(&format!("probe.{key}")));
+            assert_eq!(figure.is_some(), expected.is_some(), "{key} of {:?}", case.shape);
+            if let (Some(figure), Some(expected)) = (figure, expected) {
+                near(key, figure.value, expected, 0.02 * expected);
+            }
+        }
+        for (what, off, tolerance) in [
+            ("range", off[0], 0.1),
+            ("axial", off[1], 0.15),
+            ("lateral", off[2], 0.15),
+            ("gain", off[3], 1.0),
+        ] {
+            assert!(off.abs() <= tolerance, "{what} of {case:?}: {off} > {tolerance}");
+        }
+        assert!(
+            found.score.windows < 2.0 && 3.0 * found.score.windows < found.default_score.windows,
+            "{:?}",
+            found.score
+        );
+    }
+}
+
+/// Another blur takes what it makes of the texture out of range and lengths: the least certain of what is found.
+#[test]
+fn an_unknown_blur_shifts_range_and_lengths() {
+    let case = Known {
+        lateral_mm: 2.4,
+        ..KNOWN
+    };
+    let off = errors(&case, &found(&case));
+    eprintln!("blur {off:.3?}");
+    assert!(
+        off[0].abs() < 0.25 && off[1].abs() < 0.2 && off[2].abs() < 0.2,
+        "{off:?}"
+    );
+}
+
+#[test]
+fn a_focus_is_told_where_it_is_seen() {
+    let case = Known {
+        focus_mm: Some(60.0),
+        focal_zone_mm: 30.0,
+        ..KNOWN
+    };
+    let focused = found(&case);
+    eprintln!(
+        "focus {} {} {:.3?}",
+        value(&focused, "focus_mm"),
+        value(&focused, "focal_zone_mm"),
+        errors(&case, &focused)
+    );
+    assert!(is_told(&focused, "focus"));
+    near("focus", value(&focused, "focus_mm"), 60.0, 10.0);
+    assert!(!is_told(&found(&KNOWN), "focus"));
+}
+
+#[test]
+fn clutter_and_noise_are_told_by_dark_tissue() {
+    let soft = Acoustics {
+        attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
+        ..PLAIN
+    };
+    let fluid = Acoustics {
+        echo_db: SILENT.echo_db,
+        ..soft
+    };
+    let box_ = Frame::around([0.0, 80.0, 0.0], [110, 110, 30], 2.0);
+    let of = |noise_db: f64, clutter_db: f64, decay: f64, depth: f64| {
+        let mut effects = KNOWN.effects();
+        effects.receiver = Some(Receiver {
+            noise_db,
+            clutter_db,
+            clutter_decay_db_cm: decay,
+            ..Receiver::default()
+        });
+        let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, soft, fluid]);
+        let found = fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap();
+        eprintln!(
+            "noise {noise_db} clutter {clutter_db} decay {decay}: {} {} {}",
+            value(&found, "noise_db"),
+            value(&found, "clutter_db"),
+            value(&found, "decay_db_cm")
+        );
+        found
+    };
+    let cluttered = of(-200.0, -14.0, 0.5, 70.0);
+    assert!(is_told(&cluttered, "clutter") && !is_told(&cluttered, "noise"));
+    // At the depth of the fluid; how it fades there is known less well.
+    let level = value(&cluttered, "clutter_db") - 7.0 * value(&cluttered, "decay_db_cm");
+    near("clutter", level, -17.5, 3.0);
+    let noisy = of(-52.0, -200.0, 4.0, 95.0);
+    assert!(is_told(&noisy, "noise") && !is_told(&noisy, "clutter"), "{noisy}");
+    near("noise", value(&noisy, "noise_db"), -52.0, 3.0);
+}
+
+/// What is cut off or dark at the edge of a frame leaves the outline where it is.
+#[test]
+fn an_outline_is_found_in_part() {
+    let whole = KNOWN.uniform();
+    let outline = |picture: &Picture| Outline::of(&sector_of(picture).unwrap(), picture.width).unwrap();
+    let masked = |keep: &dyn Fn(usize, usize) -> bool| {
+        let mut picture = whole.clone();
+        for (at, grey) in picture.grey.iter_mut().enumerate() {
+            if !keep(at % whole.width, at / whole.width) {
+                *grey = 0.0;
+            }
+        }
+        picture
+    };
+    let fan = |outline: Outline| match outline.shape {
+        Shape::Fan { apex, radii, half } => [apex[0], apex[1], radii[0], radii[1], half],
+        Shape::Rectangle { .. } => panic!("{outline:?}"),
+    };
+    let expected = fan(outline(&whole));
+    // A shadow on one side and a dark corner, whose edges are arcs and lines too.
+    let shadowed = outline(&masked(&|x, y| {
+        let (across, down) = (x as f64 - expected[0], y as f64 - expected[1]);
+        let shadow = across.atan2(down) < -0.3 && across.hypot(down) > 130.0;
+        !shadow && !(x > 220 && y > 200)
+    }));
+    for (found, expected) in fan(shadowed).iter().zip(expected) {
+        near("of a shadowed sector", *found, expected, 0.02 * expected.abs());
+    }
+    // The middle of the frame alone, as of a narrow screen.
+    let [left, width, height] = [80, 220, 240];
+    let cropped = Picture {
+        width,
+        height,
+        grey: (0..width * height)
+            .map(|at| whole.grey[at / width * whole.width + at % width + left])
+            .collect(),
+        ..whole.clone()
+    };
+    let cropped = outline(&cropped);
+    assert_eq!(cropped.seen, [true, false, true]);
+    let found = fan(cropped);
+    for (at, expected) in [
+        (0, expected[0] - left as f64),
+        (1, expected[1]),
+        (2, expected[2]),
+        (4, expected[4]),
+    ] {
+        near("of a cropped sector", found[at], expected, 0.03 * expected.abs());
+    }
+    // The array at the bottom.
+    let mut turned = whole.clone();
+    turned.grey.reverse();
+    assert_eq!(Outline::of(&sector_of(&turned).unwrap(), turned.width), None);
+}
+
+#[test]
+fn distances_of_histograms_are_shifts() {
+    let shares = |greys: &[f64]| bench::histogram(greys);
+    near(
+        "a shift",
+        distance(&shares(&[10.0, 20.0, 30.0]), &shares(&[17.0, 27.0, 37.0])),
+        7.0,
+        1e-12,
+    );
+    near(
+        "half of it moved",
+        distance(&shares(&[0.0, 10.0]), &shares(&[0.0, 30.0])),
+        10.0,
+        1e-12,
+    );
+}
