@@ -31,7 +31,8 @@ use bench::{Bench, WINDOW};
 use model::Model;
 use outline::{Outline, Shape};
 
-/// Rounds of correction at most, and the change in all figures below which they end (gain: as many tenths of a dB).
+/// Rounds of correction at most, before one more with noise and clutter, and the change in all figures below which they end (gain: as many
+/// tenths of a dB).
 const ROUNDS: usize = 6;
 const SETTLED: f64 = 0.02;
 
@@ -113,9 +114,9 @@ pub struct Match {
     pub mm_per_pixel: f64,
     /// The sector in pixels.
     pub sector: Outline,
-    /// Rounds of correction, and the last change, share.
+    /// Rounds of correction.
     pub rounds: usize,
-    /// The largest share by which a figure changed in the last round.
+    /// The largest share by which a figure changed in the last one (gain: as many tenths of a dB).
     pub residual: f64,
     /// Every figure.
     pub figures: Vec<Figure>,
@@ -196,14 +197,21 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
     let real = bench.side(vec![picture.clone()]);
     let mut model = Model::start(&bench.probe);
     let default = bench.side(bench.phantoms(bench.probe, &Effects::usual(), PLAIN)?);
+    let phantom = |model: &Model| -> Result<Side, Error> {
+        Ok(bench.side(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?))
+    };
     let (mut rounds, mut residual) = (0, f64::INFINITY);
     while rounds < ROUNDS && residual > SETTLED {
-        let own = bench.side(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?);
+        let own = phantom(&model)?;
         residual = bench.correct(&mut model, &real, &own);
         rounds += 1;
     }
     let dark = bench.darkness(&mut model)?;
-    let matched = bench.side(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?);
+    // Noise and clutter lie over the windows too.
+    let own = phantom(&model)?;
+    residual = bench.correct(&mut model, &real, &own);
+    rounds += 1;
+    let matched = phantom(&model)?;
     let score = |side: &Side| Score {
         windows: distance(&side.histogram, &real.histogram),
         sector: distance(&side.sector_histogram, &real.sector_histogram),
@@ -217,7 +225,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         residual,
         figures: bench.figures(&model, &real, &matched, dark),
         unidentified: bench.unidentified(&model, &real, outline, dark),
-        notes: bench.notes(&real, residual),
+        notes: bench.notes(&real, &matched, residual),
         real,
         matched,
         default,

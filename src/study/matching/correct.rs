@@ -17,6 +17,9 @@ const DARK_ROUNDS: usize = 3;
 /// Difference in depth over which a fading of clutter is fitted, mm.
 const FADING_MM: f64 = 10.0;
 
+/// Level below noise at which clutter that no window shows is taken to lie, dB: it adds half a dB there.
+const HIDDEN_DB: f64 = 10.0;
+
 /// What dark windows told.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Dark {
@@ -28,6 +31,10 @@ pub(super) struct Dark {
     pub fades: bool,
     /// Level that noise does not exceed, dB.
     pub bound_db: f64,
+}
+
+fn lowest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::INFINITY, f64::min)
 }
 
 impl Bench<'_> {
@@ -124,31 +131,33 @@ impl Bench<'_> {
                 .map(|(grey, depth)| model.level_db(*grey, *depth))
                 .collect()
         };
-        if !windows[0].is_empty() {
-            model.receiver.noise_db = mean(&level(model, 0, &real[0])).clamp(-200.0, 20.0);
+        // Level of a window at the array, but for the loss in tissue; tissue may echo in any, so that the darkest counts.
+        let lossless = |model: &Model, kind: usize| -> Vec<f64> {
+            let levels = level(model, kind, &real[kind]).into_iter().zip(&depths[kind]);
+            levels
+                .map(|(level, depth)| level + model.tgc_db_cm() * depth / 10.0)
+                .collect()
+        };
+        let extent = depths[1]
+            .iter()
+            .fold(0.0, |most: f64, d| most.max((d - depths[1][0]).abs()));
+        if extent >= FADING_MM {
+            found.fades = true;
+            let fading = -10.0 * slope(&depths[1], &lossless(model, 1));
+            model.receiver.clutter_decay_db_cm = fading.clamp(0.0, 50.0);
         }
-        let fade = |model: &Model, depth: f64| model.tgc_db_cm() * depth / 10.0;
+        let decay = model.receiver.clutter_decay_db_cm;
+        let at_array = |model: &Model, kind: usize| {
+            let levels = lossless(model, kind).into_iter().zip(&depths[kind]);
+            lowest(levels.map(|(level, depth)| level + decay * depth / 10.0))
+        };
+        if !windows[0].is_empty() {
+            model.receiver.noise_db = lowest(level(model, 0, &real[0]).into_iter()).clamp(-200.0, 20.0);
+            let quiet = at_array(model, 0) - HIDDEN_DB;
+            model.receiver.clutter_db = usual.clutter_db.min(quiet).max(-200.0);
+        }
         if !windows[1].is_empty() {
-            // Level at the array, but for the loss in tissue.
-            let levels = level(model, 1, &real[1]);
-            let lossless: Vec<f64> = levels
-                .iter()
-                .zip(&depths[1])
-                .map(|(level, depth)| level + fade(model, *depth))
-                .collect();
-            let extent = depths[1]
-                .iter()
-                .fold(0.0, |most: f64, d| most.max((d - depths[1][0]).abs()));
-            if extent >= FADING_MM {
-                found.fades = true;
-                model.receiver.clutter_decay_db_cm = (-10.0 * slope(&depths[1], &lossless)).clamp(0.0, 50.0);
-            }
-            let decay = model.receiver.clutter_decay_db_cm;
-            let at_array = lossless
-                .iter()
-                .zip(&depths[1])
-                .map(|(level, depth)| level + decay * depth / 10.0);
-            model.receiver.clutter_db = mean(&at_array.collect::<Vec<f64>>()).clamp(-200.0, 20.0);
+            model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);
         }
         // Logarithms, sparse echoes and black make a mean grey of a power: what is left is taken off by the phantom that does not echo.
         for _ in 0..DARK_ROUNDS {
@@ -168,10 +177,12 @@ impl Bench<'_> {
             });
             found.spread_db = [0, 1].map(|kind| (off[kind].len() > 1).then(|| std(&off[kind])));
             if !off[0].is_empty() {
-                model.receiver.noise_db = (model.receiver.noise_db + mean(&off[0])).clamp(-200.0, 20.0);
+                model.receiver.noise_db =
+                    (model.receiver.noise_db + lowest(off[0].iter().copied())).clamp(-200.0, 20.0);
             }
             if !off[1].is_empty() {
-                model.receiver.clutter_db = (model.receiver.clutter_db + mean(&off[1])).clamp(-200.0, 20.0);
+                model.receiver.clutter_db =
+                    (model.receiver.clutter_db + lowest(off[1].iter().copied())).clamp(-200.0, 20.0);
             }
         }
         Ok(found)

@@ -11,8 +11,21 @@ use crate::study::realism::texture::{Patch, Texture, Window};
 use crate::study::statistics::std;
 use crate::tracking::probe::{ProbeKind, ProbeSpec};
 
+/// Scatter of the standard deviation of windows above which they hold more than one tissue, or none; in those of fully developed speckle it is 0.06.
+const MIXED: f64 = 0.15;
 /// How much wider the beam must be at either end of the windows for its focus to count as seen.
 const FOCUSED: f64 = 1.1;
+
+/// Standard deviation of the logarithm of a figure of the real windows, relative to those of the phantom at their depth: a ratio of windows
+/// scatters as what it corrects. None of fewer than two.
+fn scatter(real: &Side, own: &Side, of: &dyn Fn(&Texture) -> Option<f64>) -> Option<f64> {
+    let at_depth = |(real, own): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
+        let own = median(own.iter().filter_map(of).collect());
+        real.iter().filter_map(|it| Some((of(it)? / own?).ln())).collect()
+    };
+    let ratios: Vec<f64> = real.windows.iter().zip(&own.windows).flat_map(at_depth).collect();
+    (ratios.len() > 1).then(|| std(&ratios))
+}
 
 impl Bench<'_> {
     /// The model as a scene.
@@ -55,15 +68,7 @@ impl Bench<'_> {
             .into_iter()
             .filter_map(|(key, unit, value)| Some(figure(key, unit, value?, None)))
             .collect();
-        // A ratio of windows scatters as the figure that it corrects.
-        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| {
-            let at_depth = |(real, own): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
-                let own = median(own.iter().filter_map(of).collect());
-                real.iter().filter_map(|it| Some((of(it)? / own?).ln())).collect()
-            };
-            let ratios: Vec<f64> = real.windows.iter().zip(&own.windows).flat_map(at_depth).collect();
-            (ratios.len() > 1).then(|| std(&ratios))
-        };
+        let scatter = |of: &dyn Fn(&Texture) -> Option<f64>| scatter(real, own, of);
         let share = |value: f64, spread: Option<f64>| spread.map(|spread| rounded(value * spread));
         let range = model.tone.dynamic_range_db;
         let gain = scatter(&|it| Some((it.mean / 255.0 * range).exp())).map(rounded);
@@ -186,12 +191,18 @@ impl Bench<'_> {
     }
 
     /// What is doubtful.
-    pub fn notes(&self, real: &Side, residual: f64) -> Vec<String> {
+    pub fn notes(&self, real: &Side, own: &Side, residual: f64) -> Vec<String> {
         let mut notes = Vec::new();
         let (beam, _) = self.beam(self.picture);
         let uneven = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) > UNEVEN;
         if self.windows.iter().flatten().any(uneven) {
             notes.push("no window is uniform: figures are those of structure, not of speckle".to_owned());
+        }
+        if let Some(spread) = scatter(real, own, &|it| Some(it.std)).filter(|spread| *spread > MIXED) {
+            let percent = 100.0 * spread;
+            notes.push(format!(
+                "grey levels of windows spread differently, by {percent:.0} % (one tissue: 6 %): dynamic range and gain are rough, and go together"
+            ));
         }
         if real.depths.len() < self.bands() {
             let (found, all) = (real.depths.len(), self.bands());
@@ -201,7 +212,10 @@ impl Bench<'_> {
         }
         if residual > SETTLED {
             let percent = 100.0 * residual;
-            notes.push(format!("figures still change by {percent:.1} % after {ROUNDS} rounds"));
+            notes.push(format!(
+                "figures still change by {percent:.1} % after {} rounds",
+                ROUNDS + 1
+            ));
         }
         if self.probe.shape.kind() == ProbeKind::Phased && real.depths.len() < 2 {
             notes.push("windows at one depth do not tell how a phased beam widens".to_owned());

@@ -128,8 +128,8 @@ impl Model {
         let mut best = fit(depth_mm / 2.0, 1e4);
         if best.0 > depths.len() as f64 * CONSTANT * CONSTANT && depths.len() > 2 {
             for focus in (0..=40).map(|n| f64::from(n) / 40.0 * depth_mm) {
-                // From a fiftieth of the depth to twice of it.
-                for zone in (0..=40).map(|n| 0.02 * 100f64.powf(f64::from(n) / 40.0) * depth_mm) {
+                // From a tenth of the depth to twice of it: shorter ones are structure.
+                for zone in (0..=30).map(|n| 0.1 * 20f64.powf(f64::from(n) / 30.0) * depth_mm) {
                     let tried = fit(focus, zone.max(1.0));
                     if tried.0 < best.0 {
                         best = tried;
