@@ -297,8 +297,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
             ..Receiver::default()
         });
         let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, soft, fluid]);
-        let found = fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap();
-        found
+        fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap()
     };
     let cluttered = of(-200.0, -14.0, 0.5, 70.0);
     assert!(is_told(&cluttered, "clutter") && !is_told(&cluttered, "noise"));
@@ -341,7 +340,7 @@ fn an_outline_is_found_in_part() {
     let shadowed = outline(&masked(&|x, y| {
         let (across, down) = (x as f64 - expected[0], y as f64 - expected[1]);
         let shadow = across.atan2(down) < -0.3 && across.hypot(down) > 130.0;
-        !shadow && !(x > 220 && y > 200)
+        !(shadow || x > 220 && y > 200)
     }));
     for (found, expected) in fan(shadowed).iter().zip(expected) {
         near("of a shadowed sector", *found, expected, 0.02 * expected.abs());

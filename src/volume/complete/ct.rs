@@ -198,7 +198,7 @@ fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     let empty: Vec<bool> = grey
         .iter()
         .zip(volume.voxels())
-        .map(|(hu, &label)| label == 0 && !(*hu >= LIMITS_HU[0]))
+        .map(|(hu, &label)| label == 0 && (hu.is_nan() || *hu < LIMITS_HU[0]))
         .collect();
     let opening = (OPENING_MM * OPENING_MM) as f32;
     let from_empty = Grid::squared_distances(&empty, size, spacing, &axes).values;

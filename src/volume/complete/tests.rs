@@ -145,7 +145,9 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
     };
     // Square to the outline along the axes of the ellipse alone, so angles near the ends of the long one.
     let all = |wanted: &[&str]| -> Vec<f64> {
-        let places = (0..48).flat_map(|z| [-0.15, 0.0, 0.15, 3.0, 3.14, 3.29].map(|angle| (angle, 3.0 * f64::from(z))));
+        let places = (0..48).flat_map(|z| {
+            [-8.0, 0.0, 8.0, 172.0, 180.0, 188.0].map(|angle| (f64::to_radians(angle), 3.0 * f64::from(z)))
+        });
         places.map(|(angle, z)| thickness(wanted, angle, z)).collect()
     };
     let fat = all(&["fat"]);
