@@ -68,10 +68,11 @@ pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>
     let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
+    let mut synth = subject.on(own.clone(), Backend::Cpu)?;
     for (name, simplify) in SIMPLER {
         let mut settings = own.clone();
         simplify(&mut settings.effects);
-        let mut synth = subject.on(settings, Backend::Cpu)?;
+        synth.set(settings)?;
         let found = picture(&mut synth, &subject.state, options.patience)?;
         let apart = Apart::of(&standard, &found.pixels, &inside);
         // A frame without an effect may differ as a whole: that is what the effect is for.
