@@ -1,6 +1,6 @@
 //! Structures within organs that a segmentation labels as one piece, and in what completion filled with soft tissue.
 //!
-//! Livers and spleens get the trees of the vessels that enter them ([`vessels`]), kidneys a sinus and pyramids, a heart without chambers four
+//! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart without chambers four
 //! of them, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: what is narrower than
 //! two of them is left out. What a segmentation has by itself is not drawn. [`LabelVolume::within`] tells the organ of a structure.
 //!
