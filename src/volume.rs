@@ -70,8 +70,8 @@ pub struct LabelVolume {
     voxels: Arc<Vec<u8>>,
     labels: Vec<Label>,
     held: Vec<bool>,
-    /// The label that each is a structure within, or itself.
-    within: Vec<u8>,
+    /// The volume before structures were drawn into its organs, if any were.
+    undivided: Option<Arc<Self>>,
     index_to_world: Matrix4<f64>,
     world_to_index: Matrix4<f64>,
 }
@@ -151,7 +151,7 @@ impl LabelVolume {
         Ok(Self {
             size,
             voxels: Arc::new(voxels),
-            within: (0..=255).take(labels.len()).collect(),
+            undivided: None,
             labels,
             held,
             world_to_index: inverse(&index_to_world)?,
@@ -170,6 +170,10 @@ impl LabelVolume {
         Ok(Self {
             world_to_index: inverse(&index_to_world)?,
             index_to_world,
+            undivided: match &self.undivided {
+                Some(undivided) => Some(Arc::new(undivided.moved(by_mm)?)),
+                None => None,
+            },
             ..self.clone()
         })
     }
@@ -194,20 +198,15 @@ impl LabelVolume {
         self.held.get(label_index).is_some_and(|&held| held)
     }
 
-    /// The label that a label is a structure within, such as the liver of its vessels; itself where it is none. Meshes and needles know the
-    /// latter only.
-    pub fn within(&self, label_index: u8) -> u8 {
-        self.within
-            .get(usize::from(label_index))
-            .copied()
-            .unwrap_or(label_index)
+    /// The volume with its organs in one piece, before structures such as vessels were drawn into them; itself where none were. Meshes and needles
+    /// know this one alone.
+    pub fn undivided(&self) -> &Self {
+        self.undivided.as_deref().unwrap_or(self)
     }
 
-    /// States which labels are structures within others: pairs of label indices.
-    pub(crate) fn set_within(&mut self, structures: &[(u8, u8)]) {
-        for &(structure, within) in structures {
-            self.within[usize::from(structure)] = self.within[usize::from(within)];
-        }
+    /// States what the volume was before structures were drawn.
+    pub(crate) fn set_undivided(&mut self, undivided: Self) {
+        self.undivided = Some(Arc::new(undivided));
     }
 
     /// Names a label.

@@ -1,4 +1,4 @@
-//! Smooth noise from integer hashes: what makes organ surfaces uneven, the same on every run and thread count.
+//! Value noise from integer hashes: smooth, and the same on every run and thread count.
 
 use nalgebra::Vector3;
 
@@ -29,7 +29,7 @@ impl Noise {
         self.nearby().at(p)
     }
 
-    /// The same field, for points of which many in a row lie in one cell of the lattice.
+    /// The same field with a cache of one lattice cell, for runs of neighbouring points.
     pub(crate) fn nearby(&self) -> Nearby {
         Nearby {
             noise: *self,

@@ -1,7 +1,6 @@
 //! The labels of the scene's volume as regions that a needle meets, with smoothed boundaries.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use nalgebra::Point3;
 
@@ -16,7 +15,7 @@ const STEP_MM: f64 = 0.5;
 /// Labels of a volume with their interactions.
 #[derive(Clone, Debug)]
 pub(super) struct Labels {
-    volume: Arc<LabelVolume>,
+    volume: LabelVolume,
     /// The region of each label; none of those that are left out.
     regions: Vec<Option<i32>>,
     interactions: BTreeMap<i32, Interaction>,
@@ -26,19 +25,14 @@ pub(super) struct Labels {
 
 impl Labels {
     /// The labels whose values are regions of `interactions`, those within a box (mm) if one is given.
-    pub fn new(
-        volume: &Arc<LabelVolume>,
-        interactions: &[(i32, Interaction)],
-        within: Option<[[f64; 3]; 2]>,
-    ) -> Labels {
+    pub fn new(volume: &LabelVolume, interactions: &[(i32, Interaction)], within: Option<[[f64; 3]; 2]>) -> Labels {
         let interactions: BTreeMap<_, _> = interactions.iter().copied().collect();
         let region = |value: i64| i32::try_from(value).ok().filter(|it| interactions.contains_key(it));
         let regions = volume.labels().iter().enumerate();
-        let value = |at: usize| volume.labels()[usize::from(volume.within(at as u8))].value;
-        let regions = regions.map(|(at, _)| region(value(at)).filter(|_| at > 0));
+        let regions = regions.map(|(at, label)| region(label.value).filter(|_| at > 0));
         Labels {
             regions: regions.collect(),
-            volume: Arc::clone(volume),
+            volume: volume.clone(),
             interactions,
             within,
         }
@@ -123,7 +117,7 @@ mod tests {
         let table = [0, 11, 12, 13].map(named).to_vec();
         let volume = LabelVolume::new(size, voxels, table, Matrix4::new_scaling(2.0)).unwrap();
         let known = [11, 12].map(|region| (region, Interaction::default()));
-        Labels::new(&Arc::new(volume), &known, within)
+        Labels::new(&volume, &known, within)
     }
 
     /// Along the surface the place where the skin begins changes with the line, not in steps of a voxel.

@@ -101,7 +101,7 @@ impl ScenarioFile {
             let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
             return Err(self.fault("tissue.nodes", Wrong::Number { found, expected }));
         }
-        let volume = &scene.anatomy.volume;
+        let volume = scene.anatomy.volume.undivided();
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
         let outside = self.outside(&regions)?;
@@ -112,8 +112,7 @@ impl ScenarioFile {
         let mut held = [false; 256];
         labels.iter().for_each(|label| held[usize::from(*label)] = true);
         let mut wanted = Vec::new();
-        for index in 1..volume.labels().len() {
-            let label = &volume.labels()[usize::from(volume.within(index as u8))];
+        for (index, label) in volume.labels().iter().enumerate().skip(1) {
             let Ok(number) = i32::try_from(label.value) else {
                 let found = format!("label {}, which cannot be the number of a region", label.value);
                 return Err(self.wrong_keys("scene", found, "label values of 32 bits"));

@@ -47,7 +47,7 @@ impl<'a> Regions<'a> {
 
     /// The volume whose labels they are.
     pub fn volume(&self) -> &LabelVolume {
-        &self.scene.anatomy.volume
+        self.scene.anatomy.volume.undivided()
     }
 
     fn body(&self) -> Body<'_> {

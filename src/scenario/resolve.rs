@@ -329,7 +329,7 @@ impl ScenarioFile {
         let mesh = Arc::new(meshed.mesh);
         let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {
             Some(_) => Arc::new(MeshRegions::new(&mesh, &interactions)),
-            None => Arc::new(Labels::new(&scene.anatomy.volume, &interactions, self.tissue.box_mm)),
+            None => Arc::new(Labels::new(regions.volume(), &interactions, self.tissue.box_mm)),
         };
         let fixed = self.fixed(&mesh, &regions, &made_of, notes, warnings)?;
         let of_elements = mesh.regions().iter();
@@ -353,7 +353,7 @@ impl ScenarioFile {
         let present = self.labelled(&regions)?;
         let made_of = regions.made_of(&present)?;
         let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
-        let labels = Labels::new(&scene.anatomy.volume, &interactions, None);
+        let labels = Labels::new(regions.volume(), &interactions, None);
         Ok(Made {
             mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
             cylinder: Some(parameters),

@@ -49,12 +49,12 @@ pub struct Figure {
     pub spread: Option<f64>,
 }
 
-/// What the frame does not tell.
+/// A parameter that the frame does not identify.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unidentified {
-    /// What.
+    /// Name of the parameter.
     pub what: &'static str,
-    /// Why, and what stands in the scene.
+    /// Reason, and the value that the scene has instead.
     pub why: String,
 }
 
@@ -63,7 +63,7 @@ pub struct Unidentified {
 pub struct AtDepth {
     /// Their mean depth, mm.
     pub depth_mm: f64,
-    /// How many there are.
+    /// Number of windows.
     pub windows: usize,
     /// Mean grey level.
     pub grey: f64,
@@ -75,7 +75,7 @@ pub struct AtDepth {
     pub lateral_mm: Option<f64>,
 }
 
-/// What windows of a frame, or of frames of the same, come to.
+/// Measurements on the windows of the real frame or of its phantoms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Side {
     /// By depth.
@@ -120,9 +120,9 @@ pub struct Match {
     pub residual: f64,
     /// Every figure.
     pub figures: Vec<Figure>,
-    /// What the frame does not tell.
+    /// Parameters that the frame does not identify.
     pub unidentified: Vec<Unidentified>,
-    /// What is doubtful about this frame.
+    /// Doubts about this frame.
     pub notes: Vec<String>,
     /// The real frame.
     pub real: Side,

@@ -126,6 +126,7 @@ static PRESETS: &[Tissue] = &[
     row("lesion",                 0xb05a8c, "lesion",              [-9.0,   0.6,  0.0,  1.66],   [25.0,   0.49,  0.03,  1.3]).within(CAPSULE),
     row("vessel",                 0x3c50b4, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(1.5 * CAPSULE),
     row("hepatic_vein",           0x3448a0, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(CAPSULE),
+    row("splenic_vein",           0x3c50a8, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(CAPSULE),
     row("portal_branch",          0x4c64cc, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(3.0 * CAPSULE),
     row("blood",                  0xb02848, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("vessel_wall",            0xc05060, "",                    [8.0,    1.57, 0.0,  1.70],   [300.0,  0.49,  0.03,  1.2]),

@@ -6,7 +6,7 @@ use super::{Tissue, presets};
 /// A class: its value in a label map, its name, and the preset that it is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Class {
-    /// Value in a combined label map, 1 to 117, or 200 to 212 for body labels, which TotalSegmentator itself does not have.
+    /// Value in a combined label map, 1 to 117, or 200 to 213 for body labels, which TotalSegmentator itself does not have.
     pub value: i64,
     /// Name as TotalSegmentator writes it.
     pub name: &'static str,
@@ -66,6 +66,7 @@ static BODY: &[Class] = &[
     class(210, "kidney_medulla", "kidney_medulla"),
     class(211, "peritoneal_fat", "peritoneal_fat"),
     class(212, "muscle_internal", "muscle_internal"),
+    class(213, "splenic_vein", "splenic_vein"),
 ];
 
 static CLASSES: &[Class] = &[
@@ -214,11 +215,11 @@ mod tests {
 
     #[test]
     fn every_class_has_a_preset_and_values_are_unbroken() {
-        for (class, value) in CLASSES.iter().zip(1..=117).chain(BODY.iter().zip(200..=212)) {
+        for (class, value) in CLASSES.iter().zip(1..=117).chain(BODY.iter().zip(200..=213)) {
             assert_eq!(class.value, value);
             assert!(class.preset().is_some(), "{}: {}", class.name, class.tissue);
         }
-        assert_eq!((CLASSES.len(), BODY.len()), (117, 13));
+        assert_eq!((CLASSES.len(), BODY.len()), (117, 14));
     }
 
     #[test]

@@ -276,8 +276,16 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
         skin: counts[4],
     };
     let warning = shell(volume.labels());
+    let [_, muscle, middle, ..] = body;
+    let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
+    let undivided = LabelVolume::new(
+        volume.size(),
+        undivided.collect(),
+        labels.clone(),
+        *volume.index_to_world(),
+    )?;
     let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
-    volume.set_within(&[(body[2], body[1])]);
+    volume.set_undivided(undivided);
     let note = note(&volume, options, skin_mm, &filled, &outline, &body);
     Ok(Completed {
         volume,

@@ -2,7 +2,7 @@
 //!
 //! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart without chambers four
 //! of them, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: what is narrower than
-//! two of them is left out. What a segmentation has by itself is not drawn. [`LabelVolume::within`] tells the organ of a structure.
+//! about two of them is left out. Structures that the file labels itself are not drawn. [`LabelVolume::undivided`] has the organs without.
 //!
 //! Where the figures come from: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am.
 //! Soc. Echocardiogr. 28 (2015) 1 (walls of 6 to 10 mm). Patches, the share of pyramids and fat around kidneys are set by eye.
@@ -42,16 +42,15 @@ const MUSCLE_BELOW: f64 = -0.5;
 pub struct Structured {
     /// The volume. Appended labels have the names of built-in tissues; their `voxels` stay 0, since the file had none.
     pub volume: LabelVolume,
-    /// What was drawn, for people to read; none where nothing was.
+    /// Note on the structures drawn; none without any.
     pub note: Option<String>,
 }
 
-/// Voxels and labels in the making.
+/// Voxels and labels of the volume that is drawn.
 struct Drawing<'a> {
     volume: &'a LabelVolume,
     voxels: Vec<u8>,
     labels: Vec<Label>,
-    within: Vec<(u8, u8)>,
     told: Vec<String>,
 }
 
@@ -64,7 +63,6 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
         volume,
         voxels: volume.voxels().to_vec(),
         labels: volume.labels().to_vec(),
-        within: Vec::new(),
         told: Vec::new(),
     };
     drawing.trees();
@@ -72,11 +70,7 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
     drawing.heart();
     drawing.filler();
     let Drawing {
-        voxels,
-        labels,
-        within,
-        told,
-        ..
+        voxels, labels, told, ..
     } = drawing;
     if told.is_empty() {
         return Ok(Structured {
@@ -85,9 +79,7 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
         });
     }
     let mut structured = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
-    // Structures that were there before keep what they are within.
-    structured.within[..volume.within.len()].copy_from_slice(&volume.within);
-    structured.set_within(&within);
+    structured.set_undivided(volume.undivided().clone());
     Ok(Structured {
         volume: structured,
         note: Some(format!(
@@ -121,14 +113,15 @@ impl Drawing<'_> {
         })
     }
 
-    /// The label of a structure within another, appended if need be.
-    fn label(&mut self, name: &str, within: u8) -> Option<u8> {
-        if self.labels.len() > 255 && !self.labels.iter().any(|label| label.name.as_deref() == Some(name)) {
-            return None;
+    /// The label of a structure, appended if need be; none where the file has one of that name, or no label is free.
+    fn label(&mut self, name: &str) -> Option<u8> {
+        let known = self.labels.iter().find(|label| label.name.as_deref() == Some(name));
+        match known {
+            Some(label) if label.voxels > 0 => return None,
+            None if self.labels.len() > 255 => return None,
+            _ => {}
         }
-        let at = super::complete::label(&mut self.labels, name);
-        self.within.push((at, within));
-        Some(at)
+        Some(super::complete::label(&mut self.labels, name))
     }
 
     fn world(&self, voxel: [usize; 3]) -> Point3<f64> {
@@ -177,7 +170,7 @@ impl Drawing<'_> {
         let trees = [
             ("liver", &caval, Root::Highest, "hepatic_vein", "hepatic veins"),
             ("liver", &portal, Root::Innermost, "portal_branch", "portal branches"),
-            ("spleen", &splenic, Root::Innermost, "hepatic_vein", "splenic veins"),
+            ("spleen", &splenic, Root::Innermost, "splenic_vein", "splenic veins"),
         ];
         for (stream, (tissue, from, root, name, told)) in (1u32..).zip(trees) {
             let organs = self.of_tissue(tissue);
@@ -187,7 +180,7 @@ impl Drawing<'_> {
             let Some(tree) = Tree::grown(self.volume, &organ, |label| from.contains(&label), root, stream) else {
                 continue;
             };
-            let Some(label) = self.label(name, organs[0]) else {
+            let Some(label) = self.label(name) else {
                 return;
             };
             let mut drawn = 0;
@@ -208,11 +201,10 @@ impl Drawing<'_> {
     fn kidneys(&mut self) {
         let kidneys = self.of_tissue("kidney_cortex");
         let kidneys: Vec<u8> = kidneys.into_iter().filter(|at| self.is_named(*at, "kidney")).collect();
-        if kidneys.is_empty() || self.has_named(&["medulla", "sinus", "pyramid", "cortex"]) {
+        if kidneys.is_empty() || self.has_named(&["medulla", "renal_sinus", "pyramid", "kidney_cortex"]) {
             return;
         }
-        let [Some(sinus), Some(medulla)] = ["renal_sinus", "kidney_medulla"].map(|name| self.label(name, kidneys[0]))
-        else {
+        let [Some(sinus), Some(medulla)] = ["renal_sinus", "kidney_medulla"].map(|name| self.label(name)) else {
             return;
         };
         let noise = Noise::new(0, 21, PYRAMID_MM);
@@ -245,7 +237,7 @@ impl Drawing<'_> {
     fn heart(&mut self) {
         let hearts = self.of_tissue("heart");
         let [heart] = hearts[..] else { return };
-        if self.has_named(&["ventric", "atri", "myocard", "blood"]) {
+        if self.has_named(&["ventric", "atrium", "myocard", "blood"]) {
             return;
         }
         let Some(organ) = Organ::of(self.volume, |label| label == heart) else {
@@ -268,7 +260,7 @@ impl Drawing<'_> {
         let across = (across - axis * axis.dot(&across)).normalize();
         // Twice the standard deviation of a solid ellipsoid is nine tenths of its half axis.
         let valves = -VALVES_AT * 4.0 * axes.eigenvalues[longest].sqrt();
-        let Some(blood) = self.label("blood", heart) else {
+        let Some(blood) = self.label("blood") else {
             return;
         };
         let drawn = self.relabel(&organ, |depth, at| {
@@ -295,7 +287,7 @@ impl Drawing<'_> {
         if !self.volume.holds(usize::from(soft)) || self.has_named(&["peritoneal_fat"]) {
             return;
         }
-        let Some(fat) = self.label("peritoneal_fat", soft) else {
+        let Some(fat) = self.label("peritoneal_fat") else {
             return;
         };
         let mut renal = self.of_tissue("kidney_cortex");

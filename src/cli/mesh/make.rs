@@ -119,7 +119,7 @@ impl Make {
             notes.push("the phantom is meshed as it is, outside left out".to_owned());
         } else if self.labels.is_empty() && !self.no_complete {
             let completed = complete(&volume, &CompleteOptions::default())?;
-            volume = completed.volume;
+            volume = completed.volume.undivided().clone();
             notes.push(completed.note);
             warnings.extend(completed.warning);
         } else {
@@ -203,7 +203,7 @@ impl Make {
         chosen
             .into_iter()
             .map(|index| {
-                let value = labels[usize::from(volume.within(index as u8))].value;
+                let value = labels[index].value;
                 let number = i32::try_from(value).map_err(|_| {
                     let found = format!("label {value} cannot be a region number");
                     Failure::usage(found, "region numbers have 32 bits: renumber the label")

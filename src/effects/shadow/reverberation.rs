@@ -1,8 +1,8 @@
 //! Reverberation: echoes that run once more between the first bone, gas or lung of a scanline and the face of the array.
 //!
-//! What comes back from a depth z is seen again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
-//! above it in the shadow of gas. Each time leaves the attenuation of the way to the reflector and back, [`Shadow::reverberation`], and of a
-//! reflector at an angle theta to the array cos^4 theta, the law of [`interface`](crate::effects::interface), times cos^4 2 theta on the way back to it.
+//! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
+//! above it in the shadow of gas. Each repeat is attenuated over the way to the reflector and back, multiplied by [`Shadow::reverberation`] and, for a
+//! reflector tilted by theta, by cos^4 theta (the law of [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array).
 //! Powers add up, as the phases of so long a way are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Scanlines to either side that tell the tilt of a reflector.
+/// Scanlines to either side from which the tilt of a reflector is estimated.
 pub const SIDE: usize = 6;
 
 /// Whether echoes are repeated: the volume holds something opaque.
@@ -44,7 +44,7 @@ pub fn top(labels: &[u8], is_opaque: impl Fn(u8) -> bool) -> u32 {
     first.unwrap_or(labels.len()) as u32
 }
 
-/// What a repeat leaves of an echo for the tilt of the reflector, from the depths of the reflector in samples.
+/// Directivity of a repeat: factor on the amplitude for the tilt of the reflector, from its depths in samples.
 pub fn directivity<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
     let first = line.saturating_sub(SIDE);
     let last = (line + SIDE).min(tops.len() - 1);

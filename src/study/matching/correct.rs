@@ -20,7 +20,7 @@ const FADING_MM: f64 = 10.0;
 /// Level below noise at which clutter that no window shows is taken to lie, dB: it adds half a dB there.
 const HIDDEN_DB: f64 = 10.0;
 
-/// What dark windows told.
+/// Noise and clutter found in dark windows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Dark {
     /// Windows of noise and of clutter.

@@ -1,4 +1,4 @@
-//! What a match says: figures with their spread, what the frame does not tell, what is doubtful, and the scene.
+//! Findings of a match: figures with their spread, parameters not identified, doubts, and the scene.
 
 use super::bench::{Bench, UNEVEN, median, unevenness};
 use super::correct::Dark;

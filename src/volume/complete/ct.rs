@@ -1,7 +1,7 @@
 //! Completion by the CT that a segmentation was made from.
 //!
-//! The body is what is denser than gas and hangs together with the labels, which a table does not; grey values within it say what unlabelled
-//! voxels are. The limits are those that the values of [`totalsegmentator::body`](crate::tissue::totalsegmentator::body) stand for.
+//! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their
+//! grey values, smoothed over three voxels. The limits are those that the values of [`totalsegmentator::body`](crate::tissue::totalsegmentator::body) stand for.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use crate::volume::{InvalidVolume, LabelVolume, ScalarImage};
 
 /// Upper limits of gas, fat and soft tissue, HU; what is denser is bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
-/// Half the thickness below which what lies beside a body, a table or a sheet, is not part of it, mm.
+/// Radius of the morphological opening that separates table and sheets from the body, mm.
 const OPENING_MM: f64 = 4.0;
 /// Distance from the outline around the labels within which soft tissue is muscle of the wall, mm.
 const WALL_MM: f64 = 20.0;
@@ -191,7 +191,7 @@ fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
     (0..volume.voxels().len()).into_par_iter().map(value).collect()
 }
 
-/// Which voxels lie outside the body.
+/// Voxels outside the body: a flood from the sides of the box, after a morphological opening that leaves table and sheets out.
 fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let axes = [0, 1, 2];
@@ -221,7 +221,7 @@ fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     flooded(size, seeds, |at| !is_body(at))
 }
 
-/// The voxels that hang together with seeds, across faces, as far as they are open.
+/// Flood fill: open voxels connected with the seeds across faces.
 fn flooded(size: [usize; 3], seeds: impl Iterator<Item = bool>, open: impl Fn(usize) -> bool) -> Vec<bool> {
     let mut reached: Vec<bool> = seeds.collect();
     let mut next: Vec<usize> = (0..reached.len()).filter(|at| reached[*at]).collect();

@@ -119,6 +119,12 @@ fn a_trunk_gets_soft_tissue_fat_and_skin_of_the_stated_thickness() {
         };
         assert_eq!(done.filled.soft_tissue, count("soft_tissue"));
         assert_eq!(done.filled.muscle, count("muscle") + count("muscle_internal"));
+        let undivided = done.volume.undivided();
+        let middle = after
+            .labels()
+            .iter()
+            .position(|l| l.name.as_deref() == Some("muscle_internal"));
+        assert!(after.holds(middle.unwrap()) && !undivided.holds(middle.unwrap()));
         assert_eq!(done.filled.fat, count("fat"));
         assert_eq!(done.filled.skin, count("skin"));
         assert!(

@@ -1,4 +1,4 @@
-//! The voxels of an organ and how deep they lie in it.
+//! Voxels of an organ with their depths below its surface.
 
 use crate::volume::LabelVolume;
 use crate::volume::distance::Grid;
@@ -71,7 +71,7 @@ impl Organ {
     }
 }
 
-/// The box around voxels of labels, with a margin of voxels where the volume has them: its first voxel, which of it are of the labels, its size.
+/// The box around voxels of labels, with a margin inside the volume: first voxel, mask of the labels, size.
 fn boxed(
     volume: &LabelVolume,
     labels: impl Fn(u8) -> bool,

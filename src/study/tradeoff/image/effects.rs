@@ -1,4 +1,4 @@
-//! What each effect buys: the frame without it, or with a simpler form of it, against the frame with everything.
+//! Cost and visible difference of each effect: the frame without it, or with a simpler form of it, against the full frame.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
