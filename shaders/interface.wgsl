@@ -66,8 +66,8 @@ fn gradient(near: u32, far: u32, position: vec3<f32>) -> vec3<f32> {
 }
 
 // Cosine of the angle between the normal of a boundary and the beam.
-fn cosine(near: u32, far: u32, before: vec3<f32>, at: vec3<f32>, after: vec3<f32>) -> f32 {
-    let slope = gradient(near, far, at);
+fn cosine(near: u32, far: u32, before: vec3<f32>, after: vec3<f32>) -> f32 {
+    let slope = gradient(near, far, after);
     let m = params.world_to_index;
     let along = dot(slope, voxel_index(after) - voxel_index(before));
     let steep = m[0].xyz * slope.x + m[1].xyz * slope.y + m[2].xyz * slope.z;
@@ -84,38 +84,53 @@ fn coefficient(near: u32, far: u32) -> f32 {
     return max(step, abs(a.capsule - b.capsule));
 }
 
-// Echo of the step of labels across a sample.
-fn echo(line: u32, sample: u32) -> vec2<f32> {
-    if sample < 1u || sample + 1u >= params.samples {
+fn is_step(line: u32, below: u32) -> bool {
+    let index = line * params.samples + below;
+    return below > 0u && below < params.samples && labels[index - 1u] != labels[index];
+}
+
+// Half the echo of the step of labels between a sample and the one above.
+fn echo(line: u32, below: u32) -> vec2<f32> {
+    if !is_step(line, below) {
         return vec2<f32>(0.0);
     }
-    let index = line * params.samples + sample;
+    let index = line * params.samples + below;
     let near = labels[index - 1u];
-    let far = labels[index + 1u];
-    if near == far {
-        return vec2<f32>(0.0);
-    }
+    let far = labels[index];
     let reflected = coefficient(near, far);
     if reflected == 0.0 {
         return vec2<f32>(0.0);
     }
     let at = positions[index].xyz;
-    let square = cosine(near, far, positions[index - 1u].xyz, at, positions[index + 1u].xyz);
+    let square = cosine(near, far, positions[index - 1u].xyz, at);
     let size = 0.5 * params.mirror * reflected * power(square, params.directivity);
     let rough = scatterer(at * params.per_mm, params.seed);
     return size * (vec2<f32>(params.steady, 0.0) + params.diffuse * rough);
 }
 
+// The halves of a sample, of the step above and the one below. Few have both; invocations with either run together.
+fn halves(line: u32, sample: u32) -> vec4<f32> {
+    let above = is_step(line, sample);
+    let first = echo(line, select(sample + 1u, sample, above));
+    var second = vec2<f32>(0.0);
+    if above {
+        second = echo(line, sample + 1u);
+    }
+    return vec4<f32>(first, second);
+}
+
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
-        amplitudes[id.y * params.samples + id.x] += length(echo(id.y, id.x));
+        let both = halves(id.y, id.x);
+        amplitudes[id.y * params.samples + id.x] += length(both.xy) + length(both.zw);
     }
 }
 
 @compute @workgroup_size(64)
 fn before_speckle(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
-        specular[id.y * params.samples + id.x] = echo(id.y, id.x);
+        let both = halves(id.y, id.x);
+        specular[id.y * params.samples + id.x] = both.xy + both.zw;
     }
 }

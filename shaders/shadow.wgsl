@@ -12,7 +12,8 @@ struct Params {
     reverberation: f32,
     spacing: f32,
     spreading: f32,
-    unused: vec2<u32>,
+    mirror: f32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -37,11 +38,13 @@ struct Params {
 @group(0) @binding(4) var<storage, read> weights: array<f32>;
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
 
-// Of the reverberation.
+// Of the mirror image and the reverberation.
 @group(0) @binding(3) var<storage, read_write> found: array<u32>;
 @group(0) @binding(1) var<storage, read> tops: array<u32>;
 @group(0) @binding(2) var<storage, read> losses_down: array<u32>;
 @group(0) @binding(3) var<storage, read_write> echoes: array<f32>;
+@group(0) @binding(4) var<storage, read> labels_below: array<u32>;
+@group(0) @binding(5) var<storage, read> rows_below: array<LabelRow>;
 
 const MOST_UNITS = 0x7fffffffu;
 const THREADS = 256u;
@@ -275,17 +278,72 @@ fn reflectors(@builtin(global_invocation_id) id: vec3<u32>) {
 
 const NEIGHBOUR = 6u;
 
-// What a repeat leaves for the tilt of the reflector.
-fn directivity(line: u32, top: u32) -> f32 {
+// Tangent of the tilt of a reflector.
+fn tilt(line: u32, top: u32) -> f32 {
     var first = line - min(line, NEIGHBOUR);
     var last = min(line + NEIGHBOUR, params.lines - 1u);
     first = select(first, line, tops[first] >= params.samples);
     last = select(last, line, tops[last] >= params.samples);
     if first == last {
-        return 1.0;
+        return 0.0;
     }
     let across = f32(last - first) * (params.spacing + params.spreading * f32(top));
-    let slope = (f32(tops[last]) - f32(tops[first])) / across;
+    return (f32(tops[last]) - f32(tops[first])) / across;
+}
+
+// Echo above the surfaces.
+fn echo_at(line: i32, sample: i32) -> f32 {
+    if line < 0 || line >= i32(params.lines) || sample < 0 || sample >= i32(tops[line]) {
+        return 0.0;
+    }
+    return echoes[u32(line) * params.samples + u32(sample)];
+}
+
+const GAS_MRAYL = 1.0;
+
+// Mirror image beyond gas or lung. It reads above the surfaces and writes below them.
+@compute @workgroup_size(64)
+fn mirror(@builtin(global_invocation_id) id: vec3<u32>) {
+    let top = tops[id.y];
+    let row = id.y * params.samples;
+    if id.x >= params.samples || id.x < top || rows_below[labels_below[row + top]].impedance >= GAS_MRAYL {
+        return;
+    }
+    let slope = tilt(id.y, top);
+    let depth = f32(id.x) + 0.5;
+    let beyond = depth - f32(top);
+    let cos2 = 1.0 / (1.0 + slope * slope);
+    let across = beyond * 2.0 * slope * cos2;
+    let down = f32(top) + beyond * (1.0 - 2.0 * cos2);
+    var place = vec2<f32>(across / params.spacing, down);
+    if params.spreading > 0.0 {
+        let apex = params.spacing / params.spreading;
+        let ahead = apex + down;
+        let radius = sqrt(across * across + ahead * ahead);
+        let tangent = across / max(radius + ahead, 1e-6);
+        let square = tangent * tangent;
+        let angle = 2.0 * tangent * (15.0 + 4.0 * square) / (15.0 + 9.0 * square);
+        place = vec2<f32>(angle / params.spreading, radius - apex);
+    }
+    let longer = max(depth - place.y, 0.0);
+    place = vec2<f32>(f32(id.y) + place.x, place.y - 0.5);
+    let size = vec2<f32>(f32(params.lines), f32(params.samples));
+    if !(all(place > vec2<f32>(-1.0)) && all(place < size)) {
+        return;
+    }
+    let first = vec2<i32>(place + 1.0) - 1;
+    let share = place - vec2<f32>(first);
+    let near = (1.0 - share.y) * echo_at(first.x, first.y) + share.y * echo_at(first.x, first.y + 1);
+    let far = (1.0 - share.y) * echo_at(first.x + 1, first.y) + share.y * echo_at(first.x + 1, first.y + 1);
+    let rate = f32(losses_down[row + top - 1u]) * 2.0 * params.exponent / f32(top);
+    let image = params.mirror * exp2(rate * longer) * ((1.0 - share.x) * near + share.x * far);
+    let own = echoes[row + id.x];
+    echoes[row + id.x] = sqrt(own * own + image * image);
+}
+
+// What a repeat leaves for the tilt of the reflector.
+fn directivity(line: u32, top: u32) -> f32 {
+    let slope = tilt(line, top);
     let square = slope * slope;
     let cos2 = 1.0 / (1.0 + square);
     let twice = max((1.0 - square) * cos2, 0.0);

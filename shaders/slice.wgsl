@@ -48,16 +48,15 @@ fn spline(t: f32) -> vec4<f32> {
     return vec4<f32>(u * u * u, 1.0 + 3.0 * u * (1.0 + t * u), 1.0 + 3.0 * t * (1.0 + t * u), t * t * t);
 }
 
-// Of the labels of a cell, the one with the largest sum of B-spline weights.
-fn smooth_label(base: vec3<i32>, corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
-    var held = corners;
+// B-spline weights of the voxels of a label around a cell.
+fn share(base: vec3<i32>, fraction: vec3<f32>, candidate: u32) -> f32 {
     let x = spline(fraction.x);
     var y = spline(fraction.y);
     var z = spline(fraction.z);
-    var shares: array<f32, 8>;
+    var sum = 0.0;
     for (var k = 0; k < 4; k++) {
+        var slab = 0.0;
         for (var j = 0; j < 4; j++) {
-            let weight = y[j] * z[k];
             let at = base + vec3<i32>(-1, j - 1, k - 1);
             let row = vec4<u32>(
                 voxel(at, params.size),
@@ -65,17 +64,37 @@ fn smooth_label(base: vec3<i32>, corners: array<u32, 8>, fraction: vec3<f32>) ->
                 voxel(at + vec3<i32>(2, 0, 0), params.size),
                 voxel(at + vec3<i32>(3, 0, 0), params.size),
             );
-            for (var c = 0u; c < 8u; c++) {
-                shares[c] += weight * dot(select(vec4<f32>(0.0), x, row == vec4<u32>(held[c])), vec4<f32>(1.0));
-            }
+            slab += y[j] * dot(select(vec4<f32>(0.0), x, row == vec4<u32>(candidate)), vec4<f32>(1.0));
         }
+        sum += z[k] * slab;
     }
-    var best = held[0];
+    return sum;
+}
+
+// Of the labels of a cell, the one with the largest share, from the nearest corner on.
+fn smooth_label(base: vec3<i32>, corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
+    var held = corners;
+    let near = select(vec3<u32>(0u), vec3<u32>(1u, 2u, 4u), fraction > vec3<f32>(0.5));
+    let nearest = near.x + near.y + near.z;
+    var best = 0u;
     var best_share = -1.0;
     for (var c = 0u; c < 8u; c++) {
-        if shares[c] > best_share || (shares[c] == best_share && held[c] < best) {
-            best = held[c];
-            best_share = shares[c];
+        let candidate = held[nearest ^ c];
+        var seen = false;
+        for (var before = 0u; before < c; before++) {
+            seen = seen || held[nearest ^ before] == candidate;
+        }
+        if seen {
+            continue;
+        }
+        let own = share(base, fraction, candidate);
+        if own > best_share || (own == best_share && candidate < best) {
+            best = candidate;
+            best_share = own;
+        }
+        // More than half of all weights.
+        if own > 108.0 {
+            break;
         }
     }
     return best;

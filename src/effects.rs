@@ -15,6 +15,7 @@ pub mod pass;
 pub mod point_spread;
 pub mod quantise;
 pub mod receiver;
+pub mod refraction;
 pub mod scan_conversion;
 pub mod shadow;
 pub mod slice;
@@ -40,7 +41,7 @@ pub struct Effect {
     /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
     pub wanted: fn(&Tables) -> Verdict,
     /// Its passes, in order.
-    pub passes: fn(&Tables) -> &'static [Pass],
+    pub passes: fn(&Tables) -> Vec<&'static Pass>,
 }
 
 /// Every effect, in the order in which a frame is made.
@@ -55,6 +56,7 @@ pub static REGISTRY: &[Effect] = &[
     needle::EFFECT,
     speckle::EFFECT,
     shadow::EFFECT,
+    refraction::EFFECT,
     blur::EFFECT,
     receiver::EFFECT,
     tone::EFFECT,
@@ -83,6 +85,8 @@ pub struct Effects {
     pub needle: Option<needle::NeedleEcho>,
     /// Attenuation, and shadows of bone, gas and the needle.
     pub shadow: Option<shadow::Shadow>,
+    /// Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.
+    pub refraction: Option<refraction::Refraction>,
     /// Radial blur about the probe's virtual apex.
     pub blur: Option<blur::Blur>,
     /// Electronic noise and acoustic clutter.
@@ -133,6 +137,7 @@ impl Effects {
             interface: Some(interface::Interface::default()),
             needle: Some(needle::NeedleEcho::default()),
             shadow: Some(shadow::Shadow::default()),
+            refraction: Some(refraction::Refraction::default()),
             blur: Some(blur::Blur::default()),
             receiver: Some(receiver::Receiver::default()),
             tone: Some(tone::Tone::default()),
@@ -149,6 +154,9 @@ impl Effects {
         self.interface.as_ref().map_or(Ok(()), interface::Interface::validate)?;
         self.needle.as_ref().map_or(Ok(()), needle::NeedleEcho::validate)?;
         self.shadow.as_ref().map_or(Ok(()), shadow::Shadow::validate)?;
+        self.refraction
+            .as_ref()
+            .map_or(Ok(()), refraction::Refraction::validate)?;
         self.blur.as_ref().map_or(Ok(()), blur::Blur::validate)?;
         self.receiver.as_ref().map_or(Ok(()), receiver::Receiver::validate)?;
         self.tone.as_ref().map_or(Ok(()), tone::Tone::validate)?;

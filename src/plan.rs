@@ -78,7 +78,7 @@ impl Plan {
         let (mut passes, mut without) = (Vec::new(), Vec::new());
         for effect in REGISTRY {
             match (effect.wanted)(tables) {
-                Ok(reason) => passes.extend((effect.passes)(tables).iter().map(|pass| PlannedPass {
+                Ok(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
                     pass,
                     effect: effect.name,
                     reason: reason.clone(),

@@ -40,6 +40,7 @@ speckle = {}
 interface = { mirror_db = 44.0 }
 needle = {}
 shadow = {}
+refraction = {}
 blur = { width_mm = 1.3 }
 receiver = {}
 tone = { gain_db = 8.0 }
@@ -56,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let all = &scene.settings.effects;
     #[rustfmt::skip]
-    let panels: [(&str, fn(&mut Effects, Effects)); 14] = [
+    let panels: [(&str, fn(&mut Effects, Effects)); 15] = [
         ("slice", |on, _| on.tone = None),
         ("tone", |_, _| ()),
         ("warp", |_, _| ()),
@@ -67,6 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("interface", |on, all| on.interface = all.interface),
         ("needle", |on, all| on.needle = all.needle),
         ("shadow", |on, all| on.shadow = all.shadow),
+        ("refraction", |on, all| on.refraction = all.refraction),
         ("blur", |on, all| on.blur = all.blur),
         ("receiver", |on, all| on.receiver = all.receiver),
         ("noise", |on, all| on.noise = all.noise),

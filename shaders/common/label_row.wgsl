@@ -5,4 +5,5 @@ struct LabelRow {
     loss: u32,
     texture: u32,
     capsule: f32,
+    phase: u32,
 }

@@ -55,7 +55,7 @@ impl Blur {
 pub const EFFECT: Effect = Effect {
     name: "blur",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -52,7 +52,7 @@ impl Contact {
 pub const EFFECT: Effect = Effect {
     name: "contact",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -17,7 +17,7 @@ use crate::synth::tables::Tables;
 pub const EFFECT: Effect = Effect {
     name: "geometry",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -9,7 +9,7 @@
 //! Scattering of Electromagnetic Waves from Rough Surfaces, 1963), whose amplitude is Rice distributed.
 //!
 //! With speckle the echoes join those of the scatterers before the point spread acts, and interfere with them; without, their
-//! moduli add to the amplitude. A step between two samples is shared by both.
+//! moduli add to the amplitude. Each of the two samples beside a step of labels has one half of its echo.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -71,12 +71,12 @@ pub const EFFECT: Effect = Effect {
     name: "interface",
     wanted,
     passes: |tables| match tables.speckle {
-        Some(_) => BEFORE_SPECKLE,
-        None => PASSES,
+        Some(_) => vec![&BEFORE_SPECKLE],
+        None => vec![&ALONE],
     },
 };
 
-static PASSES: &[Pass] = &[interface_pass(
+const ALONE: Pass = interface_pass(
     "main",
     &[
         (Position, Read),
@@ -85,9 +85,9 @@ static PASSES: &[Pass] = &[interface_pass(
         (Voxels, Read),
         (Amplitude, Write),
     ],
-)];
+);
 
-static BEFORE_SPECKLE: &[Pass] = &[interface_pass(
+const BEFORE_SPECKLE: Pass = interface_pass(
     "before_speckle",
     &[
         (Position, Read),
@@ -96,7 +96,7 @@ static BEFORE_SPECKLE: &[Pass] = &[interface_pass(
         (Voxels, Read),
         (Specular, Write),
     ],
-)];
+);
 
 const fn interface_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {
@@ -191,24 +191,28 @@ fn roughness_seed(tables: &Tables) -> [u32; 2] {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    if samples < 3 {
-        store.specular.fill([T::zero(); 2]);
-        return;
-    }
     let surfaces = Surfaces::<T>::new(tables);
     let (labels, positions) = (&store.label[..lines * samples], &store.position[..lines * samples]);
     let echoes = |line: usize, add: &mut dyn FnMut(usize, [T; 2])| {
         let labels = &labels[line * samples..][..samples];
         let positions = &positions[line * samples..][..samples];
-        for start in (1..samples - 1).step_by(BLOCK) {
-            let end = (start + BLOCK).min(samples - 1);
-            if vectorised(Uniform(&labels[start - 1..end + 1])) {
+        for start in (1..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            if vectorised(Uniform(&labels[start - 1..end])) {
                 continue;
             }
-            for i in start..end {
-                let echo = surfaces.echo([labels[i - 1], labels[i + 1]], &positions[i - 1..=i + 1]);
+            for below in start..end {
+                let between = [below - 1, below];
+                if labels[below - 1] == labels[below] {
+                    continue;
+                }
+                let echo = vectorised(Step {
+                    surfaces: &surfaces,
+                    labels: between.map(|at| labels[at]),
+                    positions: between.map(|at| positions[at]),
+                });
                 if let Some(echo) = echo {
-                    add(i, echo);
+                    between.into_iter().for_each(|at| add(at, echo));
                 }
             }
         }
@@ -220,7 +224,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             .enumerate()
             .for_each(|(line, out)| {
                 out.fill([T::zero(); 2]);
-                echoes(line, &mut |i, echo| out[i] = echo);
+                echoes(line, &mut |i, [re, im]| out[i] = [out[i][0] + re, out[i][1] + im]);
             });
     } else {
         let amplitude = &mut store.amplitude[..lines * samples];
@@ -232,6 +236,22 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 
 /// Samples tried together for a boundary between them.
 const BLOCK: usize = 32;
+
+/// Half the echo between two samples.
+struct Step<'a, T> {
+    surfaces: &'a Surfaces<'a, T>,
+    labels: [u8; 2],
+    positions: [[T; 4]; 2],
+}
+
+impl<T: Real> Kernel for Step<'_, T> {
+    type Output = Option<[T; 2]>;
+
+    #[inline(always)]
+    fn run(self) -> Option<[T; 2]> {
+        self.surfaces.echo(self.labels, self.positions)
+    }
+}
 
 /// Whether all labels are the same.
 struct Uniform<'a>(&'a [u8]);
@@ -249,6 +269,9 @@ impl Kernel for Uniform<'_> {
 /// Half the number of voxels along each axis that a normal is taken from: the weights `(1 - (x / 3)^2)^2` fall to nothing there. On
 /// planes at random they find the normal to 3 degrees, where a cubic B-spline is 12 off.
 pub const REACH: i32 = 3;
+
+/// Taps of a normal along an axis, filled up to vector registers.
+const LANES: usize = 8;
 
 /// The surfaces of a volume.
 pub struct Surfaces<'a, T> {
@@ -299,9 +322,10 @@ impl<'a, T: Real> Surfaces<'a, T> {
         step.max((c - d).abs())
     }
 
-    /// Echo at the middle of three samples at reference positions (mm), between the labels of the outer two; none where those are
-    /// the same or reflect nothing.
-    pub fn echo(&self, labels: [u8; 2], positions: &[[T; 4]]) -> Option<[T; 2]> {
+    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm); none where the labels
+    /// are the same or reflect nothing. Each of the two samples has one half.
+    #[inline(always)]
+    pub fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
         if labels[0] == labels[1] {
             return None;
         }
@@ -309,13 +333,10 @@ impl<'a, T: Real> Surfaces<'a, T> {
         if reflected == T::zero() {
             return None;
         }
-        let place = |at: usize| [positions[at][0], positions[at][1], positions[at][2]];
+        let [above, below] = positions.map(|[x, y, z, _]| [x, y, z]);
         let size = T::of(0.5) * self.mirror * reflected;
-        let size = size
-            * self
-                .cosine(labels, [place(0), place(1), place(2)])
-                .powf(self.directivity);
-        let [re, im] = self.roughness(place(1));
+        let size = size * self.cosine(labels, [above, below]).powf(self.directivity);
+        let [re, im] = self.roughness(below);
         Some([size * re, size * im])
     }
 
@@ -326,11 +347,11 @@ impl<'a, T: Real> Surfaces<'a, T> {
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
 
-    /// Cosine of the angle between the normal of the boundary of two labels and the line from the first to the last of three
-    /// reference positions (mm), at the middle one; 0 where there is no normal.
+    /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions (mm), and the line between
+    /// them; 0 where there is no normal.
     #[inline(always)]
-    pub fn cosine(&self, labels: [u8; 2], [before, at, after]: [[T; 3]; 3]) -> T {
-        let Some(gradient) = self.gradient(labels, at) else {
+    pub fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
+        let Some(gradient) = self.gradient(labels, after) else {
             return T::zero();
         };
         let [from, to] = [before, after].map(|position| self.reader.index(position));
@@ -360,7 +381,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
         let half = T::of(0.5);
         let (shifted, mirrored) = self.reader.within(self.reader.index(position).map(|x| x + half))?;
         let mut base = [0; 3];
-        let (mut weights, mut slopes) = ([[T::zero(); TAPS]; 3], [[T::zero(); TAPS]; 3]);
+        // Lanes past the taps weigh nothing.
+        let (mut weights, mut slopes) = ([[T::zero(); LANES]; 3], [[T::zero(); LANES]; 3]);
         for axis in 0..3 {
             let at = (shifted[axis] - half) / T::from_signed(self.stride[axis]);
             // Shifting by one keeps the truncation a floor: places start at -0.5.
@@ -373,30 +395,39 @@ impl<'a, T: Real> Surfaces<'a, T> {
                 slopes[axis][tap] = x * rest;
             }
         }
-        let voxel = |axis: usize, tap: usize| (base[axis] + tap as i32 + 1 - REACH) * self.stride[axis];
-        let mut gradient = [T::zero(); 3];
+        let [columns, rows, slabs] = [0, 1, 2].map(|axis| {
+            let stride = self.stride[axis];
+            self.reader
+                .offsets::<LANES>(axis, (base[axis] + 1 - REACH) * stride, stride)
+        });
+        let mut sums = [[T::zero(); LANES]; 3];
         for k in 0..TAPS {
-            let mut slab = [T::zero(); 3];
             for j in 0..TAPS {
-                let (mut sum, mut slope) = (T::zero(), T::zero());
-                for i in 0..TAPS {
-                    let label = self.reader.clamped([voxel(0, i), voxel(1, j), voxel(2, k)]);
-                    if label == far {
-                        sum += weights[0][i];
-                        slope += slopes[0][i];
-                    } else if label == near {
-                        sum -= weights[0][i];
-                        slope -= slopes[0][i];
+                let factors = [
+                    weights[1][j] * weights[2][k],
+                    slopes[1][j] * weights[2][k],
+                    weights[1][j] * slopes[2][k],
+                ];
+                let mut signs = [T::zero(); LANES];
+                for (sign, label) in signs.iter_mut().zip(self.reader.row(&columns, rows[j] + slabs[k])) {
+                    *sign = T::from_signed(i32::from(label == far) - i32::from(label == near));
+                }
+                for (sums, factor) in sums.iter_mut().zip(factors) {
+                    for (sum, sign) in sums.iter_mut().zip(signs) {
+                        *sum += factor * sign;
                     }
                 }
-                slab[0] += weights[1][j] * slope;
-                slab[1] += slopes[1][j] * sum;
-                slab[2] += weights[1][j] * sum;
             }
-            gradient[0] += weights[2][k] * slab[0];
-            gradient[1] += weights[2][k] * slab[1];
-            gradient[2] += slopes[2][k] * slab[2];
         }
+        let across = |weights: &[T; LANES], sums: &[T; LANES]| {
+            let products = weights.iter().zip(sums).map(|(weight, sum)| *weight * *sum);
+            products.fold(T::zero(), |total, product| total + product)
+        };
+        let gradient = [
+            across(&slopes[0], &sums[0]),
+            across(&weights[0], &sums[1]),
+            across(&weights[0], &sums[2]),
+        ];
         Some(std::array::from_fn(|axis| {
             let along = gradient[axis] / T::from_signed(self.stride[axis]);
             if mirrored[axis] { -along } else { along }

@@ -78,20 +78,20 @@ pub const EFFECT: Effect = Effect {
     name: "needle",
     wanted,
     passes: |tables| match tables.speckle {
-        Some(_) => BEFORE_SPECKLE,
-        None => PASSES,
+        Some(_) => vec![&BEFORE_SPECKLE],
+        None => vec![&ALONE],
     },
 };
 
-static PASSES: &[Pass] = &[needle_pass(
+const ALONE: Pass = needle_pass(
     "main",
     &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
-)];
+);
 
-static BEFORE_SPECKLE: &[Pass] = &[needle_pass(
+const BEFORE_SPECKLE: Pass = needle_pass(
     "before_speckle",
     &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Specular, Write)],
-)];
+);
 
 const fn needle_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {

@@ -42,7 +42,7 @@ impl Noise {
 pub const EFFECT: Effect = Effect {
     name: "noise",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -13,7 +13,7 @@ use crate::synth::tables::Tables;
 pub const EFFECT: Effect = Effect {
     name: "quantise",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -104,7 +104,7 @@ impl Receiver {
 pub const EFFECT: Effect = Effect {
     name: "receiver",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -14,7 +14,7 @@ use crate::synth::tables::Tables;
 pub const EFFECT: Effect = Effect {
     name: "scan_conversion",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -6,7 +6,7 @@
 //! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
 //! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
 //! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its
-//! share of it. In the shadow lie the repeats of what is above it (`reverberation`). Shadows of bone, air and the needle
+//! share of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone, air and the needle
 //! shaft by casting rays: Zhu et al. 2007, section 2.4.
 
 use bytemuck::{Pod, Zeroable};
@@ -22,6 +22,7 @@ use crate::synth::tables::Tables;
 use crate::tissue::Tissue;
 
 pub mod aperture;
+pub mod mirror;
 pub mod penumbra;
 pub mod reverberation;
 
@@ -45,6 +46,9 @@ pub struct Shadow {
     /// Share of an echo's amplitude that comes back once more between the first bone, gas or lung of a scanline and the face of the array, before
     /// attenuation (0 to 1). 0 repeats nothing.
     pub reverberation: f64,
+    /// Share of an echo's amplitude in its mirror image beyond gas or lung, before attenuation (0 to 1): what two reflections at a surface that is not
+    /// quite smooth leave. 0 mirrors nothing.
+    pub mirror: f64,
 }
 
 impl Default for Shadow {
@@ -56,6 +60,7 @@ impl Default for Shadow {
             beam_mm: 3.0,
             f_number: 4.0,
             reverberation: 0.35,
+            mirror: 0.5,
         }
     }
 }
@@ -78,6 +83,7 @@ impl Shadow {
         within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
         within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
         within("shadow.reverberation", self.reverberation, 0.0..=1.0)?;
+        within("shadow.mirror", self.mirror, 0.0..=1.0)?;
         if self.f_number == 0.0 {
             return Ok(());
         }
@@ -105,24 +111,23 @@ pub const EFFECT: Effect = Effect {
     name: "shadow",
     wanted,
     passes: |tables| {
-        let needle = super::needle::present(tables);
-        match (opens(tables), needle, reverberation::repeats(tables)) {
-            (false, false, false) => &[TISSUE, PENUMBRA],
-            (false, true, false) => &[TISSUE_AND_NEEDLE, PENUMBRA],
-            (true, false, false) => &[TISSUE, RAYS, APERTURE, PENUMBRA],
-            (true, true, false) => &[TISSUE_AND_NEEDLE, RAYS_AND_NEEDLE, APERTURE, PENUMBRA],
-            (false, false, true) => &[TISSUE, PENUMBRA, REFLECTORS, REVERBERATION],
-            (false, true, true) => &[TISSUE_AND_NEEDLE, PENUMBRA, REFLECTORS, REVERBERATION],
-            (true, false, true) => &[TISSUE, RAYS, APERTURE, PENUMBRA, REFLECTORS, REVERBERATION],
-            (true, true, true) => &[
-                TISSUE_AND_NEEDLE,
-                RAYS_AND_NEEDLE,
-                APERTURE,
-                PENUMBRA,
-                REFLECTORS,
-                REVERBERATION,
-            ],
-        }
+        let [loss, rays] = match super::needle::present(tables) {
+            true => [&TISSUE_AND_NEEDLE, &RAYS_AND_NEEDLE],
+            false => [&TISSUE, &RAYS],
+        };
+        let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
+        let all = [
+            (true, loss),
+            (opens(tables), rays),
+            (opens(tables), &APERTURE),
+            (true, &PENUMBRA),
+            (mirrors || repeats, &REFLECTORS),
+            (mirrors, &MIRROR),
+            (repeats, &REVERBERATION),
+        ];
+        all.into_iter()
+            .filter_map(|(runs, pass)| runs.then_some(pass))
+            .collect()
     },
 };
 
@@ -257,6 +262,24 @@ const REFLECTORS: Pass = Pass {
     cpu_f64: reverberation::reflectors::<f64>,
 };
 
+const MIRROR: Pass = Pass {
+    name: "shadow_mirror",
+    shader: SHADER,
+    entry: "mirror",
+    bindings: &[
+        (Reflectors, Read),
+        (Loss, Read),
+        (Amplitude, Write),
+        (Label, Read),
+        (LabelRows, Read),
+    ],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: mirror::run::<f32>,
+    cpu_f64: mirror::run::<f64>,
+};
+
 const REVERBERATION: Pass = Pass {
     name: "shadow_reverberation",
     shader: SHADER,
@@ -312,8 +335,10 @@ pub struct Params {
     pub spacing: f32,
     /// What it grows by from sample to sample.
     pub spreading: f32,
+    /// Share of an echo in its mirror image.
+    pub mirror: f32,
     /// Padding to a multiple of 16 bytes.
-    pub unused: [u32; 2],
+    pub unused: u32,
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
@@ -330,7 +355,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         reverberation: reverberation::share(tables) as f32,
         spacing,
         spreading,
-        unused: [0; 2],
+        mirror: mirror::share(tables) as f32,
+        unused: 0,
     })
 }
 

@@ -16,6 +16,7 @@ use super::geometry::rows;
 use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
 use super::{Effect, Verdict};
 use crate::real::Real;
+use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
@@ -57,7 +58,7 @@ pub enum Boundary {
 pub const EFFECT: Effect = Effect {
     name: "slice",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {
@@ -137,15 +138,52 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .zip(store.label.par_chunks_mut(samples))
         .zip(store.amplitude.par_chunks_mut(samples))
         .for_each(|((positions, labels), amplitudes)| {
-            for ((position, label), amplitude) in positions.iter().zip(labels).zip(amplitudes) {
-                *label = if position[3] == T::one() {
-                    0
-                } else {
-                    reader.at([position[0], position[1], position[2]])
-                };
-                *amplitude = echo[usize::from(*label)];
-            }
+            vectorised(Scanline {
+                reader: &reader,
+                echo: &echo,
+                positions,
+                labels,
+                amplitudes,
+            });
         });
+}
+
+/// Labels and echoes of a scanline.
+struct Scanline<'a, T> {
+    reader: &'a LabelReader<'a, T>,
+    echo: &'a [T; 256],
+    positions: &'a [[T; 4]],
+    labels: &'a mut [u8],
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut cell = Cell::default();
+        let samples = self.positions.iter().zip(self.labels).zip(self.amplitudes);
+        for ((position, label), amplitude) in samples {
+            *label = if position[3] == T::one() {
+                0
+            } else {
+                self.reader.at([position[0], position[1], position[2]], &mut cell)
+            };
+            *amplitude = self.echo[usize::from(*label)];
+        }
+    }
+}
+
+/// Voxels around a sample, kept for the next.
+#[derive(Default)]
+pub struct Cell {
+    base: Option<[i32; 3]>,
+    /// The eight around it; bits 0, 1, 2 of their number step along x, y, z.
+    labels: [u8; 8],
+    /// The rows along x of the 64 around it, if they were read.
+    around: [[u8; 4]; 16],
+    is_wide: bool,
 }
 
 /// Distance from a face of the volume within which a mirrored place is kept, voxels: 10,000 voxels are told apart from it in single
@@ -185,16 +223,17 @@ impl<'a, T: Real> LabelReader<'a, T> {
             .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
     }
 
-    /// Label index at a world position; 0 outside the volume, or outside the body that goes on beyond it.
+    /// Label index at a world position; 0 outside the volume, or outside the body that goes on beyond it. `cell` has the voxels around the position
+    /// before.
     #[inline(always)]
-    pub fn at(&self, position: [T; 3]) -> u8 {
+    pub fn at(&self, position: [T; 3], cell: &mut Cell) -> u8 {
         let half = T::of(0.5);
         let Some((shifted, _)) = self.within(self.index(position).map(|x| x + half)) else {
             return 0;
         };
         match self.boundary {
             Boundary::Nearest => self.nearest(shifted),
-            _ => self.vote(shifted.map(|x| x - half)),
+            _ => self.vote(shifted.map(|x| x - half), cell),
         }
     }
 
@@ -239,75 +278,89 @@ impl<'a, T: Real> LabelReader<'a, T> {
     }
 
     #[inline(always)]
-    fn vote(&self, index: [T; 3]) -> u8 {
+    fn vote(&self, index: [T; 3], cell: &mut Cell) -> u8 {
         // Shifting by one keeps the truncation a floor: indices start at -0.5.
         let base = index.map(|x| (x + T::one()).truncate() - 1);
-        let inside = (0..3).all(|axis| base[axis] >= 0 && (base[axis] as usize) + 1 < self.size[axis]);
-        let mut labels = [0u8; 8];
-        if inside {
-            let (row, slab) = (self.size[0], self.size[0] * self.size[1]);
-            let first = base[0] as usize + row * base[1] as usize + slab * base[2] as usize;
-            for (pair, offset) in [0, row, slab, slab + row].into_iter().enumerate() {
-                labels[2 * pair..2 * pair + 2].copy_from_slice(&self.voxels[first + offset..first + offset + 2]);
+        if cell.base != Some(base) {
+            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<2>(axis, base[axis], 1));
+            for (corner, label) in cell.labels.iter_mut().enumerate() {
+                *label = self.voxels[columns[corner & 1] + rows[corner >> 1 & 1] + slabs[corner >> 2]];
             }
-        } else {
-            for (corner, label) in labels.iter_mut().enumerate() {
-                *label = self.clamped([
-                    base[0] + (corner & 1) as i32,
-                    base[1] + (corner >> 1 & 1) as i32,
-                    base[2] + (corner >> 2) as i32,
-                ]);
-            }
+            (cell.base, cell.is_wide) = (Some(base), false);
         }
         // The eight hold more than half of the B-spline's weights, wherever the sample is among them.
-        if labels == [labels[0]; 8] {
-            return labels[0];
+        if cell.labels == [cell.labels[0]; 8] {
+            return cell.labels[0];
         }
         let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::from_signed(base[axis]));
         match self.boundary {
-            Boundary::Smooth => self.smooth(base, labels, fraction),
-            _ => majority(labels, fraction),
+            Boundary::Smooth => self.smooth(base, cell, fraction),
+            _ => majority(cell.labels, fraction),
         }
     }
 
     /// Of the labels of a cell, the one with the largest sum of B-spline weights.
-    fn smooth(&self, base: [i32; 3], labels: [u8; 8], fraction: [T; 3]) -> u8 {
+    #[inline(always)]
+    fn smooth(&self, base: [i32; 3], cell: &mut Cell, fraction: [T; 3]) -> u8 {
+        if !cell.is_wide {
+            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<4>(axis, base[axis] - 1, 1));
+            for (at, row) in cell.around.iter_mut().enumerate() {
+                *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
+            }
+            cell.is_wide = true;
+        }
+        let (labels, around) = (&cell.labels, &cell.around);
         let [x, y, z] = fraction.map(spline);
-        let rows: [[[u8; 4]; 4]; 4] = std::array::from_fn(|k| {
-            std::array::from_fn(|j| {
-                let [j, k] = [base[1] + j as i32 - 1, base[2] + k as i32 - 1];
-                std::array::from_fn(|i| self.clamped([base[0] + i as i32 - 1, j, k]))
-            })
-        });
-        let (mut best, mut best_share) = (labels[0], -T::one());
-        for (at, candidate) in labels.into_iter().enumerate() {
-            if labels[..at].contains(&candidate) {
+        let share = |candidate: u8| {
+            let mut sums = [T::zero(); 4];
+            for (at, row) in around.iter().enumerate() {
+                let weight = y[at % 4] * z[at / 4];
+                for (sum, label) in sums.iter_mut().zip(row) {
+                    *sum += if *label == candidate { weight } else { T::zero() };
+                }
+            }
+            x[0] * sums[0] + x[1] * sums[1] + (x[2] * sums[2] + x[3] * sums[3])
+        };
+        let half = T::of(0.5);
+        let nearest = (0..3).fold(0, |corner, axis| corner | usize::from(fraction[axis] > half) << axis);
+        let (mut best, mut best_share) = (0, -T::one());
+        for at in 0..8 {
+            let candidate = labels[nearest ^ at];
+            if (0..at).any(|before| labels[nearest ^ before] == candidate) {
                 continue;
             }
-            let mut share = T::zero();
-            for k in 0..4 {
-                let mut slab = T::zero();
-                for j in 0..4 {
-                    let mut row = T::zero();
-                    for i in 0..4 {
-                        row += if rows[k][j][i] == candidate { x[i] } else { T::zero() };
-                    }
-                    slab += y[j] * row;
-                }
-                share += z[k] * slab;
-            }
+            let share = share(candidate);
             if share > best_share || (share == best_share && candidate < best) {
                 (best, best_share) = (candidate, share);
+            }
+            // More than half of all weights: no other label has more.
+            if share > T::of(108.0) {
+                break;
             }
         }
         best
     }
 
-    /// Label of the voxel of the volume that is nearest to a voxel.
+    /// Offsets of every `stride`-th voxel along an axis from `first` on, each moved to the nearest voxel of the volume.
     #[inline(always)]
-    pub fn clamped(&self, voxel: [i32; 3]) -> u8 {
-        let [i, j, k]: [usize; 3] = std::array::from_fn(|axis| (voxel[axis].max(0) as usize).min(self.size[axis] - 1));
-        self.voxels[i + self.size[0] * (j + self.size[1] * k)]
+    pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
+        let pitch: usize = self.size[..axis].iter().product();
+        let last = self.size[axis] - 1;
+        std::array::from_fn(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
+    }
+
+    /// Labels at offsets along the first axis, beside the sum of those along the others.
+    #[inline(always)]
+    pub fn row<const N: usize>(&self, columns: &[usize; N], offset: usize) -> [u8; N] {
+        let mut row = [0; N];
+        if columns[1] == columns[0] + 1 && columns[N - 1] == columns[0] + N - 1 {
+            row.copy_from_slice(&self.voxels[columns[0] + offset..][..N]);
+        } else {
+            for (label, column) in row.iter_mut().zip(columns) {
+                *label = self.voxels[column + offset];
+            }
+        }
+        row
     }
 }
 

@@ -69,10 +69,10 @@ pub const EFFECT: Effect = Effect {
     name: "speckle",
     wanted,
     passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
-        (None, false) => &[SCATTER, AXIAL, LATERAL],
-        (None, true) => &[SCATTER, SPECULAR, AXIAL, LATERAL],
-        (Some(_), false) => &[WARPED_SCATTER, AXIAL, LATERAL],
-        (Some(_), true) => &[WARPED_SCATTER, SPECULAR, AXIAL, LATERAL],
+        (None, false) => vec![&SCATTER, &AXIAL, &LATERAL],
+        (None, true) => vec![&SCATTER, &SPECULAR, &AXIAL, &LATERAL],
+        (Some(_), false) => vec![&WARPED_SCATTER, &AXIAL, &LATERAL],
+        (Some(_), true) => vec![&WARPED_SCATTER, &SPECULAR, &AXIAL, &LATERAL],
     },
 };
 

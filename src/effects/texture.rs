@@ -44,7 +44,7 @@ impl Texture {
 pub const EFFECT: Effect = Effect {
     name: "texture",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -75,7 +75,7 @@ const MAX_PLANES: usize = 9;
 pub const EFFECT: Effect = Effect {
     name: "thickness",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -165,32 +165,31 @@ pub const EFFECT: Effect = Effect {
     wanted,
     passes: |tables| {
         if AutoGain::of(tables).is_some() {
-            AUTOMATIC
+            vec![&GAINS, &AUTOMATIC]
         } else {
-            BY_HAND
+            vec![&BY_HAND]
         }
     },
 };
 
-static BY_HAND: &[Pass] = &[pass("tone", "by_hand", &[(Gain, Read), (Amplitude, Write)])];
+const BY_HAND: Pass = pass("tone", "by_hand", &[(Gain, Read), (Amplitude, Write)]);
 
-static AUTOMATIC: &[Pass] = &[
-    Pass {
-        workgroups: |_, _| [1, BANDS as u32, 1],
-        cpu: auto_gain::run::<f32>,
-        cpu_f64: auto_gain::run::<f64>,
-        ..pass(
-            "tone_auto_gain",
-            "auto_gain",
-            &[(Gain, Read), (Amplitude, Read), (AutoGains, Write)],
-        )
-    },
-    pass(
-        "tone",
-        "automatic",
-        &[(Gain, Read), (Amplitude, Write), (AutoGains, Read)],
-    ),
-];
+const GAINS: Pass = Pass {
+    workgroups: |_, _| [1, BANDS as u32, 1],
+    cpu: auto_gain::run::<f32>,
+    cpu_f64: auto_gain::run::<f64>,
+    ..pass(
+        "tone_auto_gain",
+        "auto_gain",
+        &[(Gain, Read), (Amplitude, Read), (AutoGains, Write)],
+    )
+};
+
+const AUTOMATIC: Pass = pass(
+    "tone",
+    "automatic",
+    &[(Gain, Read), (Amplitude, Write), (AutoGains, Read)],
+);
 
 const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {

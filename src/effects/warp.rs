@@ -17,7 +17,7 @@ use crate::synth::tables::Tables;
 pub const EFFECT: Effect = Effect {
     name: "warp",
     wanted,
-    passes: |_| PASSES,
+    passes: |_| PASSES.iter().collect(),
 };
 
 static PASSES: &[Pass] = &[Pass {

@@ -229,6 +229,10 @@ const REMOVALS: &[Removal] = &[
         take: |settings| settings.effects.blur = None,
     },
     Removal {
+        effect: "refraction",
+        take: |settings| settings.effects.refraction = None,
+    },
+    Removal {
         effect: "shadow",
         take: |settings| settings.effects.shadow = None,
     },

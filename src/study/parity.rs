@@ -15,6 +15,7 @@ mod noise;
 mod pixels;
 mod quantise;
 mod receiver;
+mod refraction;
 mod rounding;
 mod scan_conversion;
 mod shadow;

@@ -2,6 +2,7 @@
 //! backends, and recomputed part by part when a setting changes.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -12,7 +13,8 @@ use crate::effects::lateral::{LateralKernel, MAX_REACH};
 use crate::effects::needle::MAX_SEGMENTS;
 use crate::effects::pass::Resource;
 use crate::effects::point_spread::PointSpread;
-use crate::effects::shadow::aperture::RAYS;
+use crate::effects::refraction;
+use crate::effects::shadow::aperture::{self, RAYS};
 use crate::effects::shadow::units;
 use crate::effects::speckle::SpeckleTables;
 use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
@@ -96,6 +98,8 @@ pub struct LabelRow {
     pub texture: u32,
     /// Reflection coefficient of its capsule.
     pub capsule: f32,
+    /// Phase over one sample, in the units of [`crate::effects::refraction`].
+    pub phase: u32,
 }
 
 /// Everything derived from an [`Anatomy`] and [`Settings`]. Passes read places here, counted from the local origin, and none of the
@@ -130,6 +134,8 @@ pub struct Tables {
     pub penumbra: Option<LateralKernel>,
     /// Scanlines between a place and the elements of the aperture that see it; empty where shadows do not open.
     pub aperture: Vec<u32>,
+    /// Ranges of samples on which that does not change.
+    pub aperture_runs: Vec<Range<usize>>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
     /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
@@ -167,6 +173,7 @@ impl Tables {
                 .shadow
                 .as_ref()
                 .map_or(Vec::new(), |shadow| shadow.shifts(&grid)),
+            aperture_runs: Vec::new(),
             blur: settings
                 .effects
                 .blur
@@ -184,6 +191,7 @@ impl Tables {
         tables.gain = tables.gain_table();
         tables.atlas = texture::atlas(&tables.anatomy, &tables.settings)?;
         tables.label_rows = tables.rows();
+        tables.aperture_runs = aperture::runs(&tables.aperture, tables.samples());
         Ok(tables)
     }
 
@@ -245,6 +253,7 @@ impl Tables {
             let own = &self.settings.effects.shadow;
             self.penumbra = own.as_ref().map(|own| own.kernel(&self.grid));
             self.aperture = own.as_ref().map_or(Vec::new(), |own| own.shifts(&self.grid));
+            self.aperture_runs = aperture::runs(&self.aperture, self.samples());
             changed.extend([Resource::PenumbraKernel, Resource::ApertureShifts]);
         }
         if clutter {
@@ -432,6 +441,7 @@ impl Tables {
                     0
                 },
                 capsule: tissue.capsule as f32,
+                phase: refraction::units(tissue.impedance_mrayl, self.samples()),
             }
         };
         (0..self.volume.labels().len()).map(row).collect()

@@ -3,8 +3,8 @@
 use std::mem::offset_of;
 
 use insonify::effects::{
-    blur, contact, geometry, interface, needle, noise, quantise, receiver, scan_conversion, shadow, slice, speckle,
-    texture, thickness, tone,
+    blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion, shadow, slice,
+    speckle, texture, thickness, tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 
@@ -123,7 +123,20 @@ fn blocks() -> Vec<Block> {
             reverberation,
             spacing,
             spreading,
+            mirror,
             unused
+        ),
+        block!(
+            "refraction",
+            refraction::Params,
+            lines,
+            samples,
+            reach,
+            unit,
+            spacing,
+            spreading,
+            least,
+            fading
         ),
         block!("blur", blur::Params, lines, samples, reach),
         block!("receiver", receiver::Params, seed, samples, frame, noise, unused),

@@ -2,6 +2,7 @@
 
 use insonify::effects::Effects;
 use insonify::effects::pass::Resource::{self, *};
+use insonify::effects::shadow::Shadow;
 use insonify::plan::Plan;
 use insonify::synth::tables::{Anatomy, Settings, Tables};
 use insonify::synth::{Backend, Synthesizer};
@@ -195,6 +196,48 @@ pub fn scenes() -> Vec<Scene> {
             &[Loss, AmplitudeNext, PenumbraKernel, ApertureShifts, Through, Reflectors],
         ),
         scene(
+            "mirror images of gas alone",
+            box_of(Acoustics {
+                occlusion_per_mm: 0.9,
+                impedance_mrayl: 0.0004,
+                ..lossy()
+            }),
+            |s| {
+                s.effects.shadow = Some(Shadow {
+                    f_number: 0.0,
+                    reverberation: 0.0,
+                    ..Default::default()
+                });
+            },
+            &["shadow_loss", "shadow", "shadow_reflectors", "shadow_mirror"],
+            &[Loss, AmplitudeNext, PenumbraKernel, Reflectors],
+        ),
+        scene(
+            "refraction in one tissue",
+            box_of(lossy()),
+            |s| s.effects.refraction = Some(Default::default()),
+            &[],
+            &[],
+        ),
+        scene(
+            "refraction between two",
+            anatomy::layers(
+                Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0),
+                &[-30.0, 20.0],
+                &[
+                    SILENT,
+                    lossy(),
+                    Acoustics {
+                        impedance_mrayl: 1.7,
+                        ..lossy()
+                    },
+                ],
+            ),
+            |s| s.effects.refraction = Some(Default::default()),
+            &["refraction_phase", "refraction"],
+            &[AmplitudeNext],
+        ),
+        scene(
             "shadow of a needle alone",
             box_of(lossless()),
             |s| {
@@ -336,7 +379,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 25] = [
+    const ORDER: [&str; 28] = [
         "geometry",
         "contact",
         "warp",
@@ -354,7 +397,10 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "shadow_aperture",
         "shadow",
         "shadow_reflectors",
+        "shadow_mirror",
         "shadow_reverberation",
+        "refraction_phase",
+        "refraction",
         "blur",
         "receiver",
         "tone_auto_gain",

@@ -22,6 +22,7 @@ mod needle;
 mod noise;
 mod quantise;
 mod receiver;
+mod refraction;
 mod remesh;
 mod scan_conversion;
 mod shadow;

@@ -71,6 +71,32 @@ pub fn with_bone() -> Anatomy {
     textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 6))
 }
 
+/// The same with gas.
+pub fn with_gas() -> Anatomy {
+    let mut tissues = tissues();
+    if let Some(last) = tissues.last_mut() {
+        (last.occlusion_per_mm, last.impedance_mrayl) = (0.9, 0.0004);
+    }
+    textured(anatomy::random(Frame::around(CENTRE, [40; 3], 1.0), &tissues, 7))
+}
+
+/// Tissue with a ball in it over gas that is tilted and curved.
+pub fn above_gas() -> Anatomy {
+    let mut tissues = tissues();
+    if let Some(last) = tissues.last_mut() {
+        (last.occlusion_per_mm, last.impedance_mrayl) = (0.9, 0.0004);
+    }
+    let anatomy = anatomy::of(Frame::around(CENTRE, [60; 3], 0.8), &tissues, |p| {
+        let [x, y, z] = std::array::from_fn(|axis| p[axis] - CENTRE[axis]);
+        if y > 2.0 + 0.4 * x + 0.1 * z + 0.02 * x * x {
+            4
+        } else {
+            1 + u8::from(x * x + (y + 6.0).powi(2) + z * z < 25.0)
+        }
+    });
+    textured(anatomy)
+}
+
 /// Voxels of 1 mm whose faces lie at whole and half millimetres of the world.
 pub fn unit_voxels() -> Anatomy {
     textured(anatomy::random(

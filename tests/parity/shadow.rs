@@ -69,7 +69,7 @@ fn opaque_tissue_is_seen_by_its_own_scanline() {
 }
 
 #[test]
-fn echoes_are_repeated_above_bone() {
+fn echoes_are_repeated_above_bone_and_mirrored_above_gas() {
     let mut cases = Vec::new();
     for (name, shape) in SHAPES {
         for (reverberation, lines, samples) in [(0.35, 24, 96), (1.0, 1, 130), (0.6, 3, 700)] {
@@ -78,7 +78,12 @@ fn echoes_are_repeated_above_bone() {
                 reverberation,
                 ..Default::default()
             });
-            for (volume, anatomy) in [("bone", scenes::with_bone()), ("random", scenes::random_anatomy())] {
+            for (volume, anatomy) in [
+                ("bone", scenes::with_bone()),
+                ("gas", scenes::with_gas()),
+                ("gas below a ball", scenes::above_gas()),
+                ("random", scenes::random_anatomy()),
+            ] {
                 cases.push(Case::new(
                     format!("{name}, {lines} lines, {samples} samples, {volume}"),
                     anatomy,

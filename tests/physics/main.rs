@@ -14,6 +14,7 @@ mod large;
 mod needle;
 mod noise;
 mod receiver;
+mod refraction;
 mod scan_conversion;
 mod seeds;
 mod shadow;

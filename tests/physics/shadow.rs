@@ -271,6 +271,79 @@ fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
     }
 }
 
+/// A mirror image lies where a flat mirror shows it: at the reflection of what it is of in the plane of the surface.
+#[test]
+fn a_ball_above_gas_is_mirrored_in_its_surface() {
+    const BALL: [f64; 2] = [4.0, 22.0];
+    for angle_deg in [0.0, 10.0, 20.0] {
+        let slope = f64::to_radians(angle_deg).tan();
+        let gas = Acoustics {
+            occlusion_per_mm: 1.0,
+            impedance_mrayl: 0.0004,
+            ..PLAIN
+        };
+        let frame = Frame::around([0.0, 30.0, 0.0], [500, 700, 3], 0.1);
+        let anatomy = anatomy::of(frame, &[SILENT, SILENT, PLAIN, gas], |p| {
+            if p[1] > 30.0 + slope * p[0] {
+                return 3;
+            }
+            1 + u8::from((p[0] - BALL[0]).hypot(p[1] - BALL[1]) < 2.0)
+        });
+        // The normal of the surface, and the ball beyond it.
+        let normal = [-slope, 1.0].map(|x| x / slope.hypot(1.0));
+        let away = -normal[0] * BALL[0] + normal[1] * (30.0 - BALL[1]);
+        let expected = [BALL[0] + 2.0 * away * normal[0], BALL[1] + 2.0 * away * normal[1]];
+        for (shape, spread) in [
+            (ProbeShape::Linear { width_mm: 40.0 }, 0.0),
+            (
+                ProbeShape::Curvilinear {
+                    radius_mm: 40.0,
+                    angle_deg: 50.0,
+                },
+                40.0,
+            ),
+        ] {
+            let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, 161, 1200), scene::bare());
+            settings.effects.shadow = Some(Shadow {
+                beam_mm: 0.0,
+                f_number: 0.0,
+                reverberation: 0.0,
+                ..Shadow::default()
+            });
+            for (name, backend) in precisions() {
+                let beam = beam_after(&anatomy, &settings, backend, "shadow_mirror", &scene::straight());
+                let (mut sum, mut middle, mut most) = (0.0, [0.0; 2], 0.0f64);
+                for (at, amplitude) in beam.amplitude.iter().enumerate() {
+                    let [line, sample] = [at / 1200, at % 1200].map(|n| n as f64);
+                    let depth = (sample + 0.5) * 0.05;
+                    let place = if spread > 0.0 {
+                        let angle = (line - 80.0) / 160.0 * 50f64.to_radians();
+                        [(spread + depth) * angle.sin(), (spread + depth) * angle.cos() - spread]
+                    } else {
+                        [(line - 80.0) * 0.25, depth]
+                    };
+                    // Beyond the surface, past what gas itself returns; areas of samples grow with the distance from the apex.
+                    if place[1] < 30.0 + slope * place[0] + 4.0 {
+                        continue;
+                    }
+                    let weight = amplitude * (spread + depth).max(f64::from(u8::from(spread == 0.0)));
+                    sum += weight;
+                    (0..2).for_each(|axis| middle[axis] += weight * place[axis]);
+                    most = most.max(*amplitude);
+                }
+                for axis in 0..2 {
+                    let found = middle[axis] / sum;
+                    assert!(
+                        (found - expected[axis]).abs() < 0.4,
+                        "{name}, {shape:?}, {angle_deg} degrees: axis {axis} at {found}, not {expected:?}"
+                    );
+                }
+                assert!((most - 0.5).abs() < 0.01, "{name}, {angle_deg} degrees: {most}");
+            }
+        }
+    }
+}
+
 /// A plate from y = 10 to 12 mm on the side x > 0, before tissue, on a fine linear array.
 fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend) -> Beam {
     let frame = Frame::around([0.0, 20.0, 0.0], [160, 160, 3], 0.25);

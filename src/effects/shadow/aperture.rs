@@ -6,6 +6,8 @@
 //! is, so that the losses down one ray serve all places on it: they add up in one scan an element and an angle. Elements beyond
 //! the ends of the array send none. The attenuation of soft tissue is that of the scanline.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::{MOST_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
@@ -48,6 +50,22 @@ fn shifts(f_number: f64, grid: &BeamGrid) -> Vec<u32> {
     shifts
 }
 
+/// Ranges of samples on which rays keep their scanlines.
+pub fn runs(shifts: &[u32], samples: usize) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    if shifts.is_empty() {
+        return runs;
+    }
+    for sample in 0..samples {
+        let same = |first: usize| shifts.chunks(samples).all(|row| row[first] == row[sample]);
+        match runs.last_mut() {
+            Some(run) if same(run.start) => run.end += 1,
+            _ => runs.push(sample..sample + 1),
+        }
+    }
+    runs
+}
+
 /// The scanline where the ray of an element is at a sample; none beside the image.
 pub fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [usize; 3], lines: usize) -> Option<usize> {
     let shift = |row: usize| shifts[row * samples + sample] as usize;
@@ -87,20 +105,25 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
         .for_each(|(row, through)| {
             let (ray, element) = (row / lines, row % lines);
             let (mut above, mut left) = (0u32, T::one());
-            for (sample, out) in through.iter_mut().enumerate() {
-                let own = line_at(&tables.aperture, samples, [ray, element, sample], lines).map_or(0, |line| {
-                    let at = line * samples + sample;
-                    let of_needle = needle.map_or(0, |units| (mask[at][1] * units).to_u32().unwrap_or(0));
-                    loss[usize::from(labels[at])] + of_needle
-                });
-                if own == 0 {
-                    *out = left;
+            for run in &tables.aperture_runs {
+                let out = &mut through[run.clone()];
+                let Some(line) = line_at(&tables.aperture, samples, [ray, element, run.start], lines) else {
+                    out.fill(left);
                     continue;
+                };
+                let first = line * samples + run.start;
+                for (at, (label, out)) in labels[first..].iter().zip(out).enumerate() {
+                    let shade = |units: T| (mask[first + at][1] * units).to_u32().unwrap_or(0);
+                    let own = loss[usize::from(*label)] + needle.map_or(0, shade);
+                    if own == 0 {
+                        *out = left;
+                        continue;
+                    }
+                    let to = |units: u32| (T::of(f64::from(units.min(MOST_UNITS))) * exponent).exp2();
+                    *out = to(above + own / 2);
+                    above = (above + own).min(MOST_UNITS);
+                    left = to(above);
                 }
-                let to = |units: u32| (T::of(f64::from(units.min(MOST_UNITS))) * exponent).exp2();
-                *out = to(above + own / 2);
-                above = (above + own).min(MOST_UNITS);
-                left = to(above);
             }
         });
 }
@@ -114,15 +137,30 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, left)| {
-            for (sample, left) in left.iter_mut().enumerate() {
-                let (mut sum, mut count) = (T::zero(), 0);
+            for run in &tables.aperture_runs {
+                let mut rays: [&[T]; RAYS] = [&[]; RAYS];
+                let mut count = 0;
                 for ray in 0..RAYS {
-                    if let Some(element) = element_at(&tables.aperture, samples, [ray, line, sample], lines) {
-                        sum += through[(ray * lines + element) * samples + sample];
+                    if let Some(element) = element_at(&tables.aperture, samples, [ray, line, run.start], lines) {
+                        rays[count] = &through[(ray * lines + element) * samples..][run.clone()];
                         count += 1;
                     }
                 }
-                *left *= sum / T::from_signed(count);
+                let left = &mut left[run.clone()];
+                let share = T::one() / T::of(count as f64);
+                match rays {
+                    [a, b, c, d, e] if count == RAYS => {
+                        for (at, left) in left.iter_mut().enumerate() {
+                            *left *= (a[at] + b[at] + c[at] + d[at] + e[at]) * share;
+                        }
+                    }
+                    _ => {
+                        for (at, left) in left.iter_mut().enumerate() {
+                            let sum = rays[..count].iter().fold(T::zero(), |sum, ray| sum + ray[at]);
+                            *left *= sum * share;
+                        }
+                    }
+                }
             }
         });
 }

@@ -46,20 +46,26 @@ pub fn top(labels: &[u8], is_opaque: impl Fn(u8) -> bool) -> u32 {
 
 /// Directivity of a repeat: factor on the amplitude for the tilt of the reflector, from its depths in samples.
 pub fn directivity<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
+    let slope = slope(tops, line, samples, spacing);
+    let square = slope * slope;
+    let cos2 = T::one() / (T::one() + square);
+    let twice = ((T::one() - square) * cos2).max(T::zero());
+    cos2 * cos2 * twice * twice * twice * twice
+}
+
+/// Tangent of the tilt of a reflector, positive where it lies deeper on later scanlines; 0 where no neighbour has one.
+#[inline(always)]
+pub fn slope<T: Real>(tops: &[u32], line: usize, samples: usize, spacing: [T; 2]) -> T {
     let first = line.saturating_sub(SIDE);
     let last = (line + SIDE).min(tops.len() - 1);
     let known = |other: usize| if (tops[other] as usize) < samples { other } else { line };
     let (first, last) = (known(first), known(last));
     if first == last {
-        return T::one();
+        return T::zero();
     }
     let of = |n: u32| T::of(f64::from(n));
     let across = of((last - first) as u32) * (spacing[0] + spacing[1] * of(tops[line]));
-    let slope = (of(tops[last]) - of(tops[first])) / across;
-    let square = slope * slope;
-    let cos2 = T::one() / (T::one() + square);
-    let twice = ((T::one() - square) * cos2).max(T::zero());
-    cos2 * cos2 * twice * twice * twice * twice
+    (of(tops[last]) - of(tops[first])) / across
 }
 
 /// Finds the reflector of each scanline.

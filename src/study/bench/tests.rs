@@ -34,6 +34,7 @@ fn the_ladder_ends_at_slicing_alone() {
             "tone",
             "receiver",
             "blur",
+            "refraction",
             "shadow",
             "interface",
             "speckle",

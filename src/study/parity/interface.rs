@@ -24,32 +24,37 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let mirror = 10f64.powf(own.mirror_db / 20.0);
     let (lines, samples) = (step.lines(), step.samples());
     slack.specular = vec![[0.0; 2]; lines * samples];
-    let positions = &step.after.position;
     let loudest = 1.0 + LOUDEST;
     for line in 0..lines {
-        for sample in 1..samples.saturating_sub(1) {
-            let index = line * samples + sample;
-            let around = [index - 1, index, index + 1];
-            let labels = [&step.after.label, &step.twin.label].map(|labels| [labels[index - 1], labels[index + 1]]);
-            let places = around.map(|at| positions[at]);
-            let [exact, twin] = labels.map(|labels| surfaces.echo(labels, &places).unwrap_or([0.0; 2]));
+        let mut sums = vec![[0.0; 2]; samples];
+        for below in 1..samples {
+            let pair = [line * samples + below - 1, line * samples + below];
+            let labels = [&step.after.label, &step.twin.label].map(|labels| pair.map(|at| labels[at]));
+            let places = pair.map(|at| step.after.position[at]);
+            let [exact, twin] = labels.map(|labels| surfaces.echo(labels, places).unwrap_or([0.0; 2]));
             let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
-            let torn = around.iter().any(|at| slack.torn.get(*at).copied().unwrap_or(false));
+            let torn = pair.iter().any(|at| slack.torn.get(*at).copied().unwrap_or(false));
             let stepped = labels[1][0] != labels[1][1];
             let rounding = match (stepped, torn) {
                 (false, _) => 0.0,
                 (true, true) => 2.0 * size * loudest,
                 (true, false) => {
-                    let offs = around.map(|at| slack.position[at]);
+                    let offs = pair.map(|at| slack.position[at]);
                     rounding(step, &surfaces, own.directivity, labels[1], places, offs) * size
                 }
             };
             let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
             let size = exact[0].hypot(exact[1]);
+            for at in [below - 1, below] {
+                sums[at] = [sums[at][0] + off, sums[at][1] + size];
+            }
+        }
+        for (sample, [off, size]) in sums.into_iter().enumerate() {
+            let index = line * samples + sample;
             if tables.speckle.is_some() {
-                slack.specular[index] = [off + 4.0 * ULP * size, size];
+                slack.specular[index] = [off + 5.0 * ULP * size, size];
             } else {
-                slack.amplitude[index] += off + (ROOT + 4.0 * ULP) * size + ULP * step.after.amplitude[index];
+                slack.amplitude[index] += off + (ROOT + 5.0 * ULP) * size + ULP * step.after.amplitude[index];
             }
         }
     }
@@ -61,13 +66,13 @@ fn rounding(
     surfaces: &Surfaces<f64>,
     power: f64,
     labels: [u8; 2],
-    places: [[f64; 4]; 3],
-    offs: [[f64; 3]; 3],
+    places: [[f64; 4]; 2],
+    offs: [[f64; 3]; 2],
 ) -> f64 {
     let loudest = 1.0 + LOUDEST;
-    let [before, at, after] = places.map(|place| [place[0], place[1], place[2]]);
-    let cosine = surfaces.cosine(labels, [before, at, after]);
-    let cosine_off = cosine_off(step, surfaces, labels, [before, at, after], offs, cosine);
+    let [before, after] = places.map(|place| [place[0], place[1], place[2]]);
+    let cosine = surfaces.cosine(labels, [before, after]);
+    let cosine_off = cosine_off(step, surfaces, labels, [before, after], offs, cosine);
     let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
     let raised = cosine.powf(power);
     let raised_off = if power == 0.0 {
@@ -76,7 +81,7 @@ fn rounding(
         (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power)
     };
     let steps: f64 = (0..3)
-        .map(|axis| (offs[1][axis] + 3.0 * ULP * at[axis].abs()) / ROUGHNESS_MM)
+        .map(|axis| (offs[1][axis] + 3.0 * ULP * after[axis].abs()) / ROUGHNESS_MM)
         .sum();
     let rough_off = SLOPE * steps + LOUDEST * INTERPOLATION;
     // The coefficient and the products.
@@ -88,42 +93,40 @@ fn cosine_off(
     step: &Step,
     surfaces: &Surfaces<f64>,
     labels: [u8; 2],
-    [before, at, after]: [[f64; 3]; 3],
-    offs: [[f64; 3]; 3],
+    [before, after]: [[f64; 3]; 2],
+    offs: [[f64; 3]; 2],
     cosine: f64,
 ) -> f64 {
     let matrix = step.tables.volume.world_to_index();
     let size = step.tables.volume.size();
-    // Of the indices of the three places.
+    // Of the indices of the two places.
     let index_off = |place: [f64; 3], off: [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|row| {
             let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
             terms(off) + TERM * ULP * (terms(place) + matrix[(row, 3)].abs())
         })
     };
-    let ends: [[f64; 3]; 2] = [index_off(before, offs[0]), index_off(after, offs[2])];
-    let middle = index_off(at, offs[1]);
+    let ends: [[f64; 3]; 2] = [index_off(before, offs[0]), index_off(after, offs[1])];
     let index = |place: [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|row| (0..3).map(|c| matrix[(row, c)] * place[c]).sum::<f64>() + matrix[(row, 3)])
     };
-    let here = index(at);
+    let (from, to) = (index(before), index(after));
     let near_face = (0..3).any(|axis| {
-        let shifted = here[axis] + 0.5;
-        let reach = middle[axis] + 2.0 * WITHIN;
+        let shifted = to[axis] + 0.5;
+        let reach = ends[1][axis] + 2.0 * WITHIN;
         shifted.abs() < reach || (shifted - size[axis] as f64).abs() < reach
     });
-    let gradient = surfaces.gradient(labels, at);
+    let gradient = surfaces.gradient(labels, after);
     let (Some(gradient), false) = (gradient, near_face) else {
         return if near_face { 1.0 } else { 0.0 };
     };
     let stride = surfaces.stride();
     // A division by the stride: of the place, with its rounding, and of what comes out.
     let moved: f64 = (0..3)
-        .map(|axis| (middle[axis] + 4.0 * ULP * size[axis] as f64) / stride[axis])
+        .map(|axis| (ends[1][axis] + 4.0 * ULP * size[axis] as f64) / stride[axis])
         .sum();
     let gradient_off: [f64; 3] =
         std::array::from_fn(|axis| (CHANGE * moved + SUMS) / stride[axis] + DIVIDE * gradient[axis].abs());
-    let (from, to) = (index(before), index(after));
     let (mut along_off, mut along_size) = (0.0, 0.0);
     let (mut steep, mut steep_off, mut long, mut long_off) = (0.0f64, 0.0f64, 0.0f64, 0.0f64);
     for axis in 0..3 {
@@ -137,7 +140,7 @@ fn cosine_off(
         steep_off += (slope(gradient_off) + 4.0 * ULP * slope(gradient)).powi(2);
         let apart = after[axis] - before[axis];
         long += apart * apart;
-        long_off += (offs[0][axis] + offs[2][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
+        long_off += (offs[0][axis] + offs[1][axis] + ULP * (before[axis].abs() + after[axis].abs())).powi(2);
     }
     let (steep, steep_off, long, long_off) = (steep.sqrt(), steep_off.sqrt(), long.sqrt(), long_off.sqrt());
     let relative = steep_off / steep + long_off / long;

@@ -3,8 +3,8 @@
 
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::reverberation::{directivity, share, spacing, top};
-use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, needle_units, opens};
+use crate::effects::shadow::reverberation::{directivity, share, slope, spacing, top};
+use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
 
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
@@ -97,7 +97,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
             ([value + of_rays[at][0], off + of_rays[at][1]], count + 1.0)
         });
         let [value, off] = sum.map(|x| x / count);
-        [value, off + (RAYS as f64 * ULP + DIVIDE) * (value + off)]
+        [value, off + ((RAYS + 1) as f64 * ULP + DIVIDE) * (value + off)]
     };
     (0..lines)
         .flat_map(|line| {
@@ -170,16 +170,94 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Past the pass that repeats echoes.
-pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
+/// First opaque samples of the scanlines, for both backends.
+fn tops(step: &Step) -> [Vec<u32>; 2] {
     let (lines, samples) = (step.lines(), step.samples());
     let opaque = opaque_units(step.tables.sample_mm());
     let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
-    let [tops, of_twin] = [step.after, step.twin].map(|beam| -> Vec<u32> {
-        (0..lines)
-            .map(|line| top(&beam.label[line * samples..][..samples], is_opaque))
-            .collect()
-    });
+    [step.after, step.twin].map(|beam| {
+        let scanlines = beam.label[..lines * samples].chunks(samples);
+        scanlines.map(|labels| top(labels, is_opaque)).collect()
+    })
+}
+
+/// What rounding does to the norm of two numbers: squares below the smallest normal number may come out as zero.
+fn norm(size: f64) -> f64 {
+    (ROOT + 4.0 * ULP) * size + 2.0 * TINY.sqrt()
+}
+
+/// Past the pass that adds mirror images.
+pub fn carry_mirror(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let spacing = spacing(step.tables);
+    let tops = tops(step);
+    let share = mirror::share(step.tables);
+    let before = &step.before.amplitude;
+    let carried = slack.amplitude.clone();
+    for line in 0..lines {
+        let row = line * samples;
+        // Image with its error, for each of the backends.
+        let images = [(&tops[0], step.after), (&tops[1], step.twin)].map(|(tops, beam)| {
+            let mut images = vec![[0.0; 2]; samples];
+            let depth = tops[line] as usize;
+            let is_gas = |label: u8| step.tables.label_rows[usize::from(label)].impedance < mirror::GAS_MRAYL;
+            if depth >= samples || !is_gas(beam.label[row + depth]) {
+                return images;
+            }
+            let mirror = mirror::Mirror { tops, samples, spacing };
+            let slope = slope(tops, line, samples, spacing);
+            let at = row + depth - 1;
+            let rate = f64::from(step.after.loss[at]) * exponent_per_unit() / depth as f64;
+            for (sample, image) in images.iter_mut().enumerate().skip(depth) {
+                let [from_line, from, longer] = mirror.place(line, slope, sample);
+                if !(-2.0..lines as f64 + 1.0).contains(&from_line) || !(-2.0..samples as f64 + 1.0).contains(&from) {
+                    continue;
+                }
+                // Some twenty operations on lengths up to the radius of the far end, and on what they are in scanlines.
+                let apart = spacing[0] + spacing[1] * from.max(0.5);
+                let radius = if spacing[1] > 0.0 { spacing[0] / spacing[1] } else { 0.0 } + samples as f64;
+                let off = 20.0 * ULP * 2.0 * radius;
+                let off = off + off / apart + 4.0 * ULP * lines as f64;
+                let around = |values: &[f64]| {
+                    let window = |at: f64, count: usize| {
+                        let first = at.floor() as i64 - 1;
+                        first.max(0) as usize..(first + 4).clamp(0, count as i64) as usize
+                    };
+                    let mut most = 0.0f64;
+                    for other in window(from_line, lines) {
+                        for sample in window(from, samples) {
+                            most = most.max(values[other * samples + sample]);
+                        }
+                    }
+                    most
+                };
+                let exponent = rate * longer;
+                let left = share * exponent.exp2();
+                let lost = (slack.loss[at] * exponent_per_unit().abs() / depth as f64) * longer;
+                let relative = exp2(exponent.abs(), 8.0 * ULP * exponent.abs() + lost + rate.abs() * off);
+                let largest = around(before);
+                let exact = left * mirror.echo(before, [from_line, from]);
+                *image = [
+                    exact,
+                    left * (2.0 * off * largest + around(&carried)) + (relative + 12.0 * ULP) * left * largest,
+                ];
+            }
+            images
+        });
+        let least = tops[0][line].min(tops[1][line]) as usize;
+        for sample in least..samples {
+            let [[exact, off], [twin, twin_off]] = [images[0][sample], images[1][sample]];
+            // The norm of a pair moves by no more than either of it.
+            slack.amplitude[row + sample] +=
+                (exact - twin).abs() + off.max(twin_off) + norm(before[row + sample].hypot(exact));
+        }
+    }
+}
+
+/// Past the pass that repeats echoes.
+pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let [tops, of_twin] = tops(step);
     for line in 0..lines {
         let row = line * samples;
         let before = &step.before.amplitude[row..][..samples];
@@ -208,10 +286,8 @@ pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
         for sample in least..samples {
             let [now, from] = [row + sample, row + sample - least];
             // The norm of a pair moves by no more than either of it.
-            slack.amplitude[now] += (gain + gain_off) * slack.amplitude[from]
-                + gain_off * echoes[sample - least]
-                + (ROOT + 4.0 * ULP) * echoes[sample]
-                + TINY;
+            slack.amplitude[now] +=
+                (gain + gain_off) * slack.amplitude[from] + gain_off * echoes[sample - least] + norm(echoes[sample]);
             slack.amplitude[now] += (echoes[sample] - others[sample]).abs();
         }
     }

@@ -1,7 +1,9 @@
 //! How far a twin may lie from the reference, carried from pass to pass.
 
 use super::Case;
-use super::{blur, geometry, interface, needle, receiver, shadow, slice, speckle, texture, thickness, tone, warp};
+use super::{
+    blur, geometry, interface, needle, receiver, refraction, shadow, slice, speckle, texture, thickness, tone, warp,
+};
 use crate::synth::layers::Beam;
 use crate::synth::tables::Tables;
 use crate::synth::{FrameState, SynthError};
@@ -89,7 +91,11 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         "shadow_rays" | "shadow_aperture" => {}
         "shadow" => shadow::carry(step, slack),
         "shadow_reflectors" => {}
+        "shadow_mirror" => shadow::carry_mirror(step, slack),
         "shadow_reverberation" => shadow::carry_reverberation(step, slack),
+        // It leaves nothing in the beam; the next pass carries it.
+        "refraction_phase" => {}
+        "refraction" => refraction::carry(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),
         // It leaves nothing in the beam; the tone carries it.

@@ -12,7 +12,7 @@ fn stage(what: &str) -> &'static str {
     match what {
         WHOLE | LEFT => STAGES[0],
         "geometry" | "contact" | "warp" | "slice" | "texture" | "thickness" => STAGES[1],
-        "interface" | "needle" | "blur" => STAGES[3],
+        "interface" | "needle" | "refraction_phase" | "refraction" | "blur" => STAGES[3],
         pass if pass.starts_with("shadow") => STAGES[3],
         pass if pass.starts_with("speckle") => STAGES[2],
         _ => STAGES[4],

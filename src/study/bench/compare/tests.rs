@@ -52,6 +52,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         "tone",
         "receiver",
         "blur",
+        "refraction",
         "shadow",
         "interface",
         "speckle",

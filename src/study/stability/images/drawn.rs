@@ -9,6 +9,7 @@ use crate::effects::interface::Interface;
 use crate::effects::needle::NeedleEcho;
 use crate::effects::noise::Noise;
 use crate::effects::receiver::Receiver;
+use crate::effects::refraction::Refraction;
 use crate::effects::shadow::Shadow;
 use crate::effects::slice::Boundary;
 use crate::effects::speckle::Speckle;
@@ -266,6 +267,10 @@ fn effects(draw: &mut Draw) -> Effects {
             beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
             f_number: if draw.chance(0.3) { 0.0 } else { draw.within(0.5, 8.0) },
             reverberation: if draw.chance(0.5) { 0.0 } else { draw.within(0.0, 1.0) },
+            mirror: if draw.chance(0.5) { 0.0 } else { draw.within(0.0, 1.0) },
+        }),
+        refraction: draw.maybe(0.5, |draw| Refraction {
+            beam_mm: draw.within(0.5, 8.0),
         }),
         blur: draw.maybe(0.6, |draw| Blur {
             width_mm: Some(draw.within(0.0, 4.0)),

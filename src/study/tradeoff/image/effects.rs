@@ -11,7 +11,7 @@ use crate::synth::Backend;
 /// A simpler frame: its name and what it leaves out.
 type Simpler = (&'static str, fn(&mut Effects));
 
-const SIMPLER: [Simpler; 16] = [
+const SIMPLER: [Simpler; 18] = [
     ("every usual effect", |_| {}),
     ("without contact", |effects| effects.contact = None),
     ("body ends at the volume", |effects| effects.slice.beyond = Beyond::Void),
@@ -38,6 +38,12 @@ const SIMPLER: [Simpler; 16] = [
             shadow.reverberation = 0.0;
         }
     }),
+    ("without mirror images", |effects| {
+        if let Some(shadow) = &mut effects.shadow {
+            shadow.mirror = 0.0;
+        }
+    }),
+    ("without refraction", |effects| effects.refraction = None),
     ("without blur", |effects| effects.blur = None),
     ("without receiver", |effects| effects.receiver = None),
     ("without automatic gain", |effects| {

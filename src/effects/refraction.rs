@@ -1,0 +1,278 @@
+//! Refraction: beams bend where the speed of sound changes, and leave dark lines under the edges of cysts, vessels and organs.
+//!
+//! On a straight scanline the phase runs ahead by `d = sum (n - 1)` of its path, where `n` is the refractive index. Its change across the
+//! scanlines bends the beam (the paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, section 3.2), and the
+//! change of that spreads or gathers it: in lines of spacing `h(s)` the factor on the power one way, and on the amplitude of an echo, is
+//! `1 / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. Edge shadows: T. L. Szabo, Diagnostic Ultrasound Imaging: Inside Out, 2014, section 13.
+//!
+//! A beam is no ray. The second difference `d''` is taken over its width; and since at a distance `z` from a lens it is `z / F` wide there, of f-number
+//! `F`, a lens of the width of the beam acts up to `F` widths and no more: terms of the sum fade with that length ([`F_NUMBER`]).
+//!
+//! Speeds follow impedances, `c` as the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580 m/s).
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View};
+use super::shadow::reverberation::spacing;
+use super::{Effect, OutOfRange, Verdict, within};
+use crate::real::Real;
+use crate::synth::store::Store;
+use crate::synth::tables::Tables;
+
+/// Refraction of beams.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Refraction {
+    /// Width of the beam, which bends as one, mm (0.5 to 20).
+    pub beam_mm: f64,
+}
+
+impl Default for Refraction {
+    fn default() -> Self {
+        Self { beam_mm: 6.0 }
+    }
+}
+
+impl Refraction {
+    /// Checks the ranges.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        within("refraction.beam_mm", self.beam_mm, 0.5..=20.0)
+    }
+}
+
+/// Most that gathering raises an amplitude by, 3 dB: beams are not rays, and have no caustics.
+pub const MOST: f64 = 1.4;
+
+/// Depth over the width of the beam where it enters: 25 to 30 mm of array for 6 cm of depth.
+pub const F_NUMBER: f64 = 2.0;
+
+/// Impedance of tissue in which sound is as fast as in scanners, 1540 m/s, MRayl.
+const REFERENCE_MRAYL: f64 = 1.58;
+
+/// Indices further than this from 1 are of gas and bone, which let nothing through,
+const FURTHEST: f64 = 0.15;
+/// and have that of soft tissue here, so that only their shadows show.
+const SOFT_MRAYL: f64 = 1.65;
+
+/// Refractive index of a tissue of an impedance, MRayl.
+pub fn index(impedance_mrayl: f64) -> f64 {
+    let of = |mrayl: f64| (REFERENCE_MRAYL / mrayl).sqrt();
+    let index = of(impedance_mrayl);
+    if (index - 1.0).abs() < FURTHEST {
+        index
+    } else {
+        of(SOFT_MRAYL)
+    }
+}
+
+/// Units of phase in a sample distance: a power of two with which sums down a scanline are whole numbers below 2^24, exact in any order in single
+/// precision.
+pub fn units_per_sample(samples: usize) -> f64 {
+    (f64::from(1 << 24) / (2.0 * FURTHEST * samples as f64))
+        .log2()
+        .floor()
+        .exp2()
+}
+
+/// What a sample adds to the phase, from 0 on, in those units.
+pub fn units(impedance_mrayl: f64, samples: usize) -> u32 {
+    ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(samples)).round() as u32
+}
+
+/// Registration.
+pub const EFFECT: Effect = Effect {
+    name: "refraction",
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+};
+
+static PASSES: &[Pass] = &[
+    Pass {
+        name: "refraction_phase",
+        shader: SHADER,
+        entry: "phase",
+        bindings: &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write)],
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        flips: false,
+        cpu: phases::<f32>,
+        cpu_f64: phases::<f64>,
+    },
+    Pass {
+        name: "refraction",
+        shader: SHADER,
+        entry: "spread",
+        bindings: &[(AmplitudeNext, Read), (Amplitude, Write)],
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        flips: false,
+        cpu: run::<f32>,
+        cpu_f64: run::<f64>,
+    },
+];
+
+const SHADER: &str = concat!(
+    include_str!("../../shaders/common/label_row.wgsl"),
+    include_str!("../../shaders/refraction.wgsl")
+);
+
+fn wanted(tables: &Tables) -> Verdict {
+    if tables.settings.effects.refraction.is_none() {
+        return Err("the scene names no refraction".into());
+    }
+    if reach(tables) == 0 {
+        return Err("there are fewer than three scanlines".into());
+    }
+    let held = tables
+        .label_rows
+        .iter()
+        .enumerate()
+        .filter(|(label, _)| tables.volume.holds(*label));
+    let mut phases: Vec<u32> = held.map(|(_, row)| row.phase).collect();
+    phases.sort_unstable();
+    phases.dedup();
+    match phases.len() {
+        0 | 1 => Err("sound is equally fast in all tissues of the volume".into()),
+        n => Ok(format!("{n} speeds of sound bend beams")),
+    }
+}
+
+/// Scanlines in half a beam, at half the depth; 0 if there are fewer than three.
+pub fn reach(tables: &Tables) -> usize {
+    let grid = &tables.grid;
+    let half = 0.5 * beam_mm(tables);
+    let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(tables.samples() / 2));
+    let lines = (half / spacing).round().max(1.0) as usize;
+    lines.min((tables.lines() - 1) / 2)
+}
+
+fn beam_mm(tables: &Tables) -> f64 {
+    tables.settings.effects.refraction.clone().unwrap_or_default().beam_mm
+}
+
+/// Parameter block of `refraction.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Scanlines in half a beam.
+    pub reach: u32,
+    /// Phase of a unit, sample distances.
+    pub unit: f32,
+    /// Distance between scanlines at the array, sample distances,
+    pub spacing: f32,
+    /// and what it grows by from sample to sample.
+    pub spreading: f32,
+    /// Least distance that second differences count as taken over: a quarter of the beam, sample distances.
+    pub least: f32,
+    /// What remains of a term from one sample to the next, log2.
+    pub fading: f32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let [spacing, spreading] = spacing(tables).map(|x| x as f32);
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: reach(tables) as u32,
+        unit: (1.0 / units_per_sample(tables.samples())) as f32,
+        spacing,
+        spreading,
+        least: least(tables) as f32,
+        fading: fading(tables) as f32,
+    })
+}
+
+fn least(tables: &Tables) -> f64 {
+    0.25 * beam_mm(tables) / tables.sample_mm()
+}
+
+fn fading(tables: &Tables) -> f64 {
+    -tables.sample_mm() / (F_NUMBER * beam_mm(tables)) * std::f64::consts::LOG2_E
+}
+
+/// Phase down to each sample.
+fn phases<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
+    store.amplitude_next[..lines * samples]
+        .par_chunks_mut(samples)
+        .zip(store.label.par_chunks(samples))
+        .for_each(|(phases, labels)| {
+            let mut sum = 0u32;
+            for (phase, label) in phases.iter_mut().zip(labels) {
+                sum += own[usize::from(*label)];
+                *phase = T::of(f64::from(sum));
+            }
+        });
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let phases = &store.amplitude_next;
+    let spread = Spread::<T>::new(tables);
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, amplitudes)| {
+            spread.factors(
+                line,
+                |line| &phases[line * samples..][..samples],
+                |sample, _, factor| {
+                    amplitudes[sample] *= factor;
+                },
+            );
+        });
+}
+
+/// Spreading and gathering of the beams of a scene.
+pub struct Spread<T> {
+    lines: usize,
+    reach: usize,
+    unit: T,
+    spacing: [T; 2],
+    least: T,
+    left: T,
+}
+
+impl<T: Real> Spread<T> {
+    /// Those of a scene.
+    pub fn new(tables: &Tables) -> Self {
+        Self {
+            lines: tables.lines(),
+            reach: reach(tables),
+            unit: T::of(1.0 / units_per_sample(tables.samples())),
+            spacing: spacing(tables).map(T::of),
+            least: T::of(least(tables)),
+            left: T::of(fading(tables).exp2()),
+        }
+    }
+
+    /// Calls `each` with every sample of a scanline, what the term of that sample adds to the sum, and the factor on its amplitude, from the phases
+    /// down a scanline. Scanlines at the sides have those of the nearest with half a beam to either side.
+    #[inline(always)]
+    pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
+        let reach = self.reach;
+        let middle = line.clamp(reach, self.lines - 1 - reach);
+        let [before, at, after] = [middle - reach, middle, middle + reach].map(phases);
+        let lines = T::of(reach as f64);
+        let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));
+        let mut sum = T::zero();
+        for (sample, ((before, at), after)) in before.iter().zip(at).zip(after).enumerate() {
+            let depth = T::of(sample as f64);
+            let apart = (lines * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+            let term = (*before - two * *at + *after) * self.unit / (apart * apart);
+            sum = sum * self.left + term;
+            each(sample, term, (one / (one + sum).abs()).min(most));
+        }
+    }
+}
