@@ -1,4 +1,4 @@
-// Phase down each scanline, and what its curvature across the scanlines leaves of an echo: one workgroup a scanline, parallel prefix sums.
+// Phase down each half a beam, and what its curvature across them leaves of an echo on each scanline: a workgroup each, parallel prefix sums.
 // Twin of src/effects/refraction.rs.
 struct Params {
     lines: u32,
@@ -46,30 +46,41 @@ fn exclusive(thread: u32, sum: f32, fading: f32) -> f32 {
     return partial[thread - 1u];
 }
 
+// Phases of a sample over the scanlines of half a beam.
+fn across(half: u32, sample: u32) -> f32 {
+    var sum = 0.0;
+    for (var line = half * params.reach; line < (half + 1u) * params.reach; line++) {
+        sum += f32(label_rows[labels[line * params.samples + sample]].phase);
+    }
+    return sum;
+}
+
 @compute @workgroup_size(256)
 fn phase(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
     let each = (params.samples + THREADS - 1u) / THREADS;
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
-    let line = group.y * params.samples;
     var sum = 0.0;
     for (var i = start; i < end; i++) {
-        sum += f32(label_rows[labels[line + i]].phase);
+        sum += across(group.y, i);
     }
     var above = exclusive(thread, sum, 0.0);
     for (var i = start; i < end; i++) {
-        above += f32(label_rows[labels[line + i]].phase);
-        phases[line + i] = above;
+        above += across(group.y, i);
+        phases[group.y * params.samples + i] = above;
     }
 }
 
-// Curvature of the phase across the scanlines around one at a sample, over the square of their distance.
-fn term(middle: u32, sample: u32) -> f32 {
-    let before = phases_down[(middle - params.reach) * params.samples + sample];
-    let at = phases_down[middle * params.samples + sample];
-    let after = phases_down[(middle + params.reach) * params.samples + sample];
+// Curvature of the phase at a sample, `after` of the way from one half a beam to the next, over the square of their distance.
+fn term(first: u32, after: f32, sample: u32) -> f32 {
+    let a = phases_down[(first - 1u) * params.samples + sample];
+    let b = phases_down[first * params.samples + sample];
+    let c = phases_down[(first + 1u) * params.samples + sample];
+    let d = phases_down[(first + 2u) * params.samples + sample];
     let apart = max(f32(params.reach) * (params.spacing + params.spreading * f32(sample)), params.least);
-    return (before - 2.0 * at + after) * params.unit / (apart * apart);
+    let near = a - 2.0 * b + c;
+    let far = b - 2.0 * c + d;
+    return (near + after * (far - near)) * params.unit / (apart * apart);
 }
 
 @compute @workgroup_size(256)
@@ -78,15 +89,17 @@ fn spread(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    let middle = clamp(group.y, params.reach, params.lines - 1u - params.reach);
+    let place = (f32(group.y) + 0.5) / f32(params.reach) - 0.5;
+    let first = clamp(i32(place), 1, i32(params.lines / params.reach) - 3);
+    let after = clamp(place - f32(first), 0.0, 1.0);
     let left = exp2(params.fading);
     var sum = 0.0;
     for (var i = start; i < end; i++) {
-        sum = sum * left + term(middle, i);
+        sum = sum * left + term(u32(first), after, i);
     }
     var above = exclusive(thread, sum, params.fading * f32(each));
     for (var i = start; i < end; i++) {
-        above = above * left + term(middle, i);
+        above = above * left + term(u32(first), after, i);
         amplitudes[line + i] *= min(1.0 / abs(1.0 + above), MOST);
     }
 }

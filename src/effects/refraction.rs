@@ -5,7 +5,7 @@
 //! change of that spreads or gathers it: in lines of spacing `h(s)` the factor on the power one way, and on the amplitude of an echo, is
 //! `1 / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. Edge shadows: T. L. Szabo, Diagnostic Ultrasound Imaging: Inside Out, 2014, section 13.
 //!
-//! A beam is no ray. The second difference `d''` is taken over its width; and since at a distance `z` from a lens it is `z / F` wide there, of f-number
+//! A beam is no ray. The second difference `d''` is that of means over half its width, and interpolated between these; and since at a distance `z` from a lens it is `z / F` wide there, of f-number
 //! `F`, a lens of the width of the beam acts up to `F` widths and no more: terms of the sum fade with that length ([`F_NUMBER`]).
 //!
 //! Speeds follow impedances, `c` as the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580 m/s).
@@ -68,18 +68,17 @@ pub fn index(impedance_mrayl: f64) -> f64 {
     }
 }
 
-/// Units of phase in a sample distance: a power of two with which sums down a scanline are whole numbers below 2^24, exact in any order in single
+/// Units of phase in a sample distance: a power of two with which sums down half a beam are whole numbers below 2^24, exact in any order in single
 /// precision.
-pub fn units_per_sample(samples: usize) -> f64 {
-    (f64::from(1 << 24) / (2.0 * FURTHEST * samples as f64))
-        .log2()
-        .floor()
-        .exp2()
+pub fn units_per_sample(tables: &Tables) -> f64 {
+    let summed = (tables.samples() * reach(tables).max(1)) as f64;
+    let units = f64::from(1 << 24) / (2.0 * FURTHEST * summed);
+    units.log2().floor().exp2()
 }
 
 /// What a sample adds to the phase, from 0 on, in those units.
-pub fn units(impedance_mrayl: f64, samples: usize) -> u32 {
-    ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(samples)).round() as u32
+pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
+    ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(tables)).round() as u32
 }
 
 /// Registration.
@@ -96,7 +95,7 @@ static PASSES: &[Pass] = &[
         entry: "phase",
         bindings: &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write)],
         params,
-        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        workgroups: |tables, _| [1, (tables.lines() / reach(tables)) as u32, 1],
         flips: false,
         cpu: phases::<f32>,
         cpu_f64: phases::<f64>,
@@ -124,7 +123,7 @@ fn wanted(tables: &Tables) -> Verdict {
         return Err("the scene names no refraction".into());
     }
     if reach(tables) == 0 {
-        return Err("there are fewer than three scanlines".into());
+        return Err("there are fewer than four scanlines".into());
     }
     let held = tables
         .label_rows
@@ -140,13 +139,13 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Scanlines in half a beam, at half the depth; 0 if there are fewer than three.
+/// Scanlines in half a beam, at half the depth, a quarter of all at most; 0 if there are fewer than four.
 pub fn reach(tables: &Tables) -> usize {
     let grid = &tables.grid;
     let half = 0.5 * beam_mm(tables);
     let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(tables.samples() / 2));
     let lines = (half / spacing).round().max(1.0) as usize;
-    lines.min((tables.lines() - 1) / 2)
+    lines.min(tables.lines() / 4)
 }
 
 fn beam_mm(tables: &Tables) -> f64 {
@@ -163,7 +162,7 @@ pub struct Params {
     pub samples: u32,
     /// Scanlines in half a beam.
     pub reach: u32,
-    /// Phase of a unit, sample distances.
+    /// Mean phase over half a beam of a unit of the sum, sample distances.
     pub unit: f32,
     /// Distance between scanlines at the array, sample distances,
     pub spacing: f32,
@@ -182,12 +181,16 @@ fn params(view: &View, _: Band) -> ParamBlock {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         reach: reach(tables) as u32,
-        unit: (1.0 / units_per_sample(tables.samples())) as f32,
+        unit: unit(tables) as f32,
         spacing,
         spreading,
         least: least(tables) as f32,
         fading: fading(tables) as f32,
     })
+}
+
+fn unit(tables: &Tables) -> f64 {
+    1.0 / (units_per_sample(tables) * reach(tables) as f64)
 }
 
 fn least(tables: &Tables) -> f64 {
@@ -198,19 +201,26 @@ fn fading(tables: &Tables) -> f64 {
     -tables.sample_mm() / (F_NUMBER * beam_mm(tables)) * std::f64::consts::LOG2_E
 }
 
-/// Phase down to each sample.
+/// Sum of the phases down to each sample, over the scanlines of each half a beam.
 fn phases<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let (lines, samples) = (tables.lines(), tables.samples());
+    let (samples, reach) = (tables.samples(), reach(tables));
+    let halves = tables.lines() / reach;
     let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
-    store.amplitude_next[..lines * samples]
+    store.amplitude_next[..halves * samples]
         .par_chunks_mut(samples)
-        .zip(store.label.par_chunks(samples))
+        .zip(store.label.par_chunks(reach * samples))
         .for_each(|(phases, labels)| {
-            let mut sum = 0u32;
-            for (phase, label) in phases.iter_mut().zip(labels) {
-                sum += own[usize::from(*label)];
-                *phase = T::of(f64::from(sum));
+            phases.fill(T::zero());
+            for labels in labels.chunks(samples) {
+                for (phase, label) in phases.iter_mut().zip(labels) {
+                    *phase += T::of(f64::from(own[usize::from(*label)]));
+                }
+            }
+            let mut sum = T::zero();
+            for phase in phases {
+                sum += *phase;
+                *phase = sum;
             }
         });
 }
@@ -226,7 +236,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .for_each(|(line, amplitudes)| {
             spread.factors(
                 line,
-                |line| &phases[line * samples..][..samples],
+                |half| &phases[half * samples..][..samples],
                 |sample, _, factor| {
                     amplitudes[sample] *= factor;
                 },
@@ -250,27 +260,31 @@ impl<T: Real> Spread<T> {
         Self {
             lines: tables.lines(),
             reach: reach(tables),
-            unit: T::of(1.0 / units_per_sample(tables.samples())),
+            unit: T::of(unit(tables)),
             spacing: spacing(tables).map(T::of),
             least: T::of(least(tables)),
             left: T::of(fading(tables).exp2()),
         }
     }
 
-    /// Calls `each` with every sample of a scanline, what the term of that sample adds to the sum, and the factor on its amplitude, from the phases
-    /// down a scanline. Scanlines at the sides have those of the nearest with half a beam to either side.
+    /// Calls `each` with every sample of a scanline, what the term of that sample adds to the sum, and the factor on its amplitude, from the sums of
+    /// phases down each half a beam. At the sides the nearest that have neighbours serve.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
-        let reach = self.reach;
-        let middle = line.clamp(reach, self.lines - 1 - reach);
-        let [before, at, after] = [middle - reach, middle, middle + reach].map(phases);
-        let lines = T::of(reach as f64);
         let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));
+        let reach = T::of(self.reach as f64);
+        let last = (self.lines / self.reach) as i32 - 3;
+        let place = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);
+        let first = place.truncate().clamp(1, last);
+        let after = (place - T::from_signed(first)).max(T::zero()).min(one);
+        let [a, b, c, d] = std::array::from_fn(|at| phases(first as usize + at - 1));
         let mut sum = T::zero();
-        for (sample, ((before, at), after)) in before.iter().zip(at).zip(after).enumerate() {
+        for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
             let depth = T::of(sample as f64);
-            let apart = (lines * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
-            let term = (*before - two * *at + *after) * self.unit / (apart * apart);
+            let apart = (reach * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+            let near = *a - two * *b + *c;
+            let far = *b - two * *c + *d;
+            let term = (near + after * (far - near)) * self.unit / (apart * apart);
             sum = sum * self.left + term;
             each(sample, term, (one / (one + sum).abs()).min(most));
         }

@@ -215,6 +215,7 @@ impl Tables {
         let clutter = attenuation || speckle || old.seed != new.seed || old.effects.receiver != new.effects.receiver;
         let noise_db = |settings: &Settings| settings.effects.receiver.as_ref().map(|receiver| receiver.noise_db);
         let gain = probe || attenuation || old.effects.tone != new.effects.tone || noise_db(old) != noise_db(new);
+        let refraction = old.effects.refraction != new.effects.refraction;
         let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
         let atlas = if texture {
             texture::atlas(&self.anatomy, new)?
@@ -268,7 +269,7 @@ impl Tables {
             self.atlas = atlas;
             changed.extend([Resource::TextureAtlas, Resource::TextureEntries]);
         }
-        if texture || shadow {
+        if texture || shadow || refraction {
             self.label_rows = self.rows();
             changed.push(Resource::LabelRows);
         }
@@ -441,7 +442,7 @@ impl Tables {
                     0
                 },
                 capsule: tissue.capsule as f32,
-                phase: refraction::units(tissue.impedance_mrayl, self.samples()),
+                phase: refraction::units(tissue.impedance_mrayl, self),
             }
         };
         (0..self.volume.labels().len()).map(row).collect()

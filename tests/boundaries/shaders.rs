@@ -173,7 +173,8 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         | "tone" => [samples, lines, 1],
         "shadow_reflectors" => [lines, 1, 1],
         // One group a scanline, or a ray of an element, however many samples.
-        "shadow_loss" | "refraction_phase" | "refraction" => [256, lines, 1],
+        "shadow_loss" | "refraction" => [256, lines, 1],
+        "refraction_phase" => [256, lines / insonify::effects::refraction::reach(tables) as u64, 1],
         "shadow_rays" => [256, lines, RAYS as u64],
         "tone_auto_gain" => [256, insonify::effects::tone::auto_gain::BANDS as u64, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
