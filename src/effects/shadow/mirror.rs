@@ -1,7 +1,7 @@
 //! Mirror image: gas and lung send the beam back into the tissue above them, whose echoes come home by the same way and are shown beyond the surface.
 //!
 //! The beam of a scanline runs to the first gas or lung and on from there by the law of reflection, within the plane and at the tilt that
-//! [`reverberation`](super::reverberation) finds. A sample beyond the surface has the echo from as far along the reflected beam, times [`Shadow::mirror`](super::Shadow::mirror)
+//! [`reverberation`] finds. A sample beyond the surface has the echo from as far along the reflected beam, times [`Shadow::mirror`](super::Shadow::mirror)
 //! and the attenuation of the way that is longer, at the mean rate down to the surface. Liver above the diaphragm: T. L. Szabo, Diagnostic Ultrasound
 //! Imaging: Inside Out, 2014, section 13.
 
