@@ -1,4 +1,4 @@
-// Phase down each half a beam, and what its curvature across them leaves of an echo on each scanline: a workgroup each, parallel prefix sums.
+// Cumulative phase per half beam width, and focusing by its curvature per scanline: one workgroup each, parallel prefix sums.
 // Twin of src/effects/refraction.rs.
 struct Params {
     lines: u32,
@@ -13,12 +13,12 @@ struct Params {
 
 @group(0) @binding(0) var<storage, read> params: Params;
 
-// Of the phases.
+// Phase pass.
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
 @group(0) @binding(3) var<storage, read_write> phases: array<f32>;
 
-// Of the spreading.
+// Focusing pass.
 @group(0) @binding(1) var<storage, read> phases_down: array<f32>;
 @group(0) @binding(2) var<storage, read_write> amplitudes: array<f32>;
 
@@ -27,7 +27,7 @@ const MOST = 1.4;
 
 var<workgroup> partial: array<f32, THREADS>;
 
-// Exclusive prefix over the workgroup of each thread's sum, of which `fading` (log2) remains from thread to thread.
+// Exclusive prefix sum over the workgroup, decaying by `fading` (log2) per thread.
 fn exclusive(thread: u32, sum: f32, fading: f32) -> f32 {
     partial[thread] = sum;
     workgroupBarrier();
@@ -46,7 +46,7 @@ fn exclusive(thread: u32, sum: f32, fading: f32) -> f32 {
     return partial[thread - 1u];
 }
 
-// Phases of a sample over the scanlines of half a beam.
+// Phase of a sample, summed over the scanlines of half a beam width.
 fn across(half: u32, sample: u32) -> f32 {
     var sum = 0.0;
     for (var line = half * params.reach; line < (half + 1u) * params.reach; line++) {
@@ -71,7 +71,7 @@ fn phase(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) gr
     }
 }
 
-// Curvature of the phase at a sample, `after` of the way from one half a beam to the next, over the square of their distance.
+// Curvature of the phase at a sample, interpolated by `after` between two half beam widths, over their squared distance.
 fn term(first: u32, after: f32, sample: u32) -> f32 {
     let a = phases_down[(first - 1u) * params.samples + sample];
     let b = phases_down[first * params.samples + sample];

@@ -1,14 +1,15 @@
-//! Refraction: beams bend where the speed of sound changes, and leave dark lines under the edges of cysts, vessels and organs.
+//! Refraction: focusing and defocusing of beams where the speed of sound changes; dark lines under the edges of cysts, vessels and organs.
 //!
-//! On a straight scanline the phase runs ahead by `d = sum (n - 1)` of its path, where `n` is the refractive index. Its change across the
-//! scanlines bends the beam (the paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, section 3.2), and the
-//! change of that spreads or gathers it: in lines of spacing `h(s)` the factor on the power one way, and on the amplitude of an echo, is
-//! `1 / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. Edge shadows: T. L. Szabo, Diagnostic Ultrasound Imaging: Inside Out, 2014, section 13.
+//! The phase of a straight scanline leads by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
+//! scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, chapter 3), and its
+//! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is
+//! `1 / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
-//! A beam is no ray. The second difference `d''` is that of means over half its width, and interpolated between these; and since at a distance `z` from a lens it is `z / F` wide there, of f-number
-//! `F`, a lens of the width of the beam acts up to `F` widths and no more: terms of the sum fade with that length ([`F_NUMBER`]).
+//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly interpolated between them. At a distance
+//! `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it, so that the effect of a lens saturates at `F` beam
+//! widths: terms of the sum decay exponentially with that length ([`F_NUMBER`]).
 //!
-//! Speeds follow impedances, `c` as the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580 m/s).
+//! Speeds are taken from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580 m/s).
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -26,7 +27,7 @@ use crate::synth::tables::Tables;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Refraction {
-    /// Width of the beam, which bends as one, mm (0.5 to 20).
+    /// Beam width over which refraction is averaged, mm (0.5 to 20).
     pub beam_mm: f64,
 }
 
@@ -43,18 +44,18 @@ impl Refraction {
     }
 }
 
-/// Most that gathering raises an amplitude by, 3 dB: beams are not rays, and have no caustics.
+/// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics are not seen in beams.
 pub const MOST: f64 = 1.4;
 
-/// Depth over the width of the beam where it enters: 25 to 30 mm of array for 6 cm of depth.
+/// F-number of the beam: an aperture of 25 to 30 mm at a depth of 6 cm.
 pub const F_NUMBER: f64 = 2.0;
 
-/// Impedance of tissue in which sound is as fast as in scanners, 1540 m/s, MRayl.
+/// Impedance of tissue with the speed of sound that scanners assume, 1540 m/s, MRayl.
 const REFERENCE_MRAYL: f64 = 1.58;
 
-/// Indices further than this from 1 are of gas and bone, which let nothing through,
+/// Largest departure of the index of soft tissue from 1; beyond it lie gas and bone,
 const FURTHEST: f64 = 0.15;
-/// and have that of soft tissue here, so that only their shadows show.
+/// which take the index of this impedance: only their shadows show.
 const SOFT_MRAYL: f64 = 1.65;
 
 /// Refractive index of a tissue of an impedance, MRayl.
@@ -139,7 +140,7 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Scanlines in half a beam, at half the depth, a quarter of all at most; 0 if there are fewer than four.
+/// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
 pub fn reach(tables: &Tables) -> usize {
     let grid = &tables.grid;
     let half = 0.5 * beam_mm(tables);
@@ -160,17 +161,17 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// Scanlines in half a beam.
+    /// Scanlines per half beam width.
     pub reach: u32,
-    /// Mean phase over half a beam of a unit of the sum, sample distances.
+    /// Average phase over half a beam width per unit of the sum, sample distances.
     pub unit: f32,
     /// Distance between scanlines at the array, sample distances,
     pub spacing: f32,
-    /// and what it grows by from sample to sample.
+    /// and its growth per sample.
     pub spreading: f32,
-    /// Least distance that second differences count as taken over: a quarter of the beam, sample distances.
+    /// Lower limit of the distance in second differences, a quarter of the beam width, sample distances.
     pub least: f32,
-    /// What remains of a term from one sample to the next, log2.
+    /// Decay of terms per sample, log2.
     pub fading: f32,
 }
 
@@ -201,7 +202,7 @@ fn fading(tables: &Tables) -> f64 {
     -tables.sample_mm() / (F_NUMBER * beam_mm(tables)) * std::f64::consts::LOG2_E
 }
 
-/// Sum of the phases down to each sample, over the scanlines of each half a beam.
+/// Cumulative phase down to each sample, summed over the scanlines of each half beam width.
 fn phases<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (samples, reach) = (tables.samples(), reach(tables));
@@ -244,7 +245,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Spreading and gathering of the beams of a scene.
+/// Focusing and defocusing of the beams of a scene.
 pub struct Spread<T> {
     lines: usize,
     reach: usize,
@@ -255,7 +256,7 @@ pub struct Spread<T> {
 }
 
 impl<T: Real> Spread<T> {
-    /// Those of a scene.
+    /// From the settings and the probe of a scene.
     pub fn new(tables: &Tables) -> Self {
         Self {
             lines: tables.lines(),
@@ -267,8 +268,8 @@ impl<T: Real> Spread<T> {
         }
     }
 
-    /// Calls `each` with every sample of a scanline, what the term of that sample adds to the sum, and the factor on its amplitude, from the sums of
-    /// phases down each half a beam. At the sides the nearest that have neighbours serve.
+    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its amplitude. `phases` returns the cumulative phase
+    /// of a half beam width. Scanlines at the sides use the nearest curvature that is defined.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
         let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));

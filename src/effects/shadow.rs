@@ -46,8 +46,8 @@ pub struct Shadow {
     /// Share of an echo's amplitude that comes back once more between the first bone, gas or lung of a scanline and the face of the array, before
     /// attenuation (0 to 1). 0 repeats nothing.
     pub reverberation: f64,
-    /// Share of an echo's amplitude in its mirror image beyond gas or lung, before attenuation (0 to 1): what two reflections at a surface that is not
-    /// quite smooth leave. 0 mirrors nothing.
+    /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough surface. Set by
+    /// eye. 0 mirrors nothing.
     pub mirror: f64,
 }
 
@@ -335,7 +335,7 @@ pub struct Params {
     pub spacing: f32,
     /// What it grows by from sample to sample.
     pub spreading: f32,
-    /// Share of an echo in its mirror image.
+    /// Amplitude of a mirror image relative to the echo.
     pub mirror: f32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,

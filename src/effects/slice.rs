@@ -175,7 +175,7 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     }
 }
 
-/// Voxels around a sample, kept for the next.
+/// Cache of the voxels around the last sample.
 #[derive(Default)]
 pub struct Cell {
     base: Option<[i32; 3]>,

@@ -1,9 +1,9 @@
-//! Mirror image: gas and lung send the beam back into the tissue above them, whose echoes come home by the same way and are shown beyond the surface.
+//! Mirror image: gas and lung reflect the beam into the tissue above them; its echoes return along the same path and appear beyond the surface.
 //!
-//! The beam of a scanline runs to the first gas or lung and on from there by the law of reflection, within the plane and at the tilt that
-//! [`reverberation`] finds. A sample beyond the surface has the echo from as far along the reflected beam, times [`Shadow::mirror`](super::Shadow::mirror)
-//! and the attenuation of the way that is longer, at the mean rate down to the surface. Liver above the diaphragm: T. L. Szabo, Diagnostic Ultrasound
-//! Imaging: Inside Out, 2014, section 13.
+//! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at the tilt that
+//! [`reverberation`] estimates. A sample beyond the surface receives the echo at the same path length along the reflected beam, multiplied by
+//! [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K. Feldman et al.,
+//! RadioGraphics 29 (2009) 1179.
 
 use rayon::prelude::*;
 
@@ -24,7 +24,7 @@ pub fn mirrors(tables: &Tables) -> bool {
     share(tables) > 0.0 && rows.any(|(index, row)| is_gas(row) && tables.volume.holds(index))
 }
 
-/// The share that a mirror image has of an echo, without loss on the way.
+/// Amplitude of a mirror image relative to the echo, before attenuation; 0 without a shadow.
 pub fn share(tables: &Tables) -> f64 {
     tables
         .settings
@@ -40,12 +40,12 @@ pub struct Mirror<'a, T> {
     pub tops: &'a [u32],
     /// Samples along a scanline.
     pub samples: usize,
-    /// Distance between scanlines at the array and what it grows by from sample to sample, in sample distances.
+    /// Distance between scanlines at the array and its growth per sample, in sample distances.
     pub spacing: [T; 2],
 }
 
 impl<T: Real> Mirror<'_, T> {
-    /// Scanline and sample, with fractions, whose echo a sample beyond the surface mirrors, and how much longer the way is, in sample distances.
+    /// Source of a sample beyond the surface: fractional scanline and sample, and the extra path length in sample distances.
     #[inline(always)]
     pub fn place(&self, line: usize, slope: T, sample: usize) -> [T; 3] {
         let of = |n: usize| T::of(n as f64);
@@ -72,7 +72,7 @@ impl<T: Real> Mirror<'_, T> {
         [of(line) + lines, depth - half, longer]
     }
 
-    /// Echo at a place, from those at samples above the surfaces; nothing from elsewhere.
+    /// Bilinear echo at a fractional scanline and sample; samples outside the image or below a surface count as 0.
     #[inline(always)]
     pub fn echo(&self, amplitudes: &[T], [line, sample]: [T; 2]) -> T {
         let (one, lines) = (T::one(), self.tops.len());

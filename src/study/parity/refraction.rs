@@ -1,4 +1,4 @@
-//! Refraction: phases are whole numbers, which agree exactly wherever the labels above agree; their curvature is a sum of rounded terms.
+//! Refraction: cumulative phases are integers, equal wherever the labels above are equal; their curvature is a sum of rounded terms.
 
 use crate::effects::refraction::{MOST, Spread, reach};
 

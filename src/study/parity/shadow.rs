@@ -181,7 +181,7 @@ fn tops(step: &Step) -> [Vec<u32>; 2] {
     })
 }
 
-/// What rounding does to the norm of two numbers: squares below the smallest normal number may come out as zero.
+/// Rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to zero.
 fn norm(size: f64) -> f64 {
     (ROOT + 4.0 * ULP) * size + 2.0 * TINY.sqrt()
 }
