@@ -359,7 +359,11 @@ fn reverberation(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let row = id.y * params.samples;
     let above = exp2(f32(losses_down[row + top - 1u]) * 2.0 * params.exponent);
-    let gain = params.reverberation * above * directivity(id.y, top);
+    let near = rows_below[labels_below[row + top - 1u]];
+    let far = rows_below[labels_below[row + top]];
+    let between = near.impedance + far.impedance;
+    let reflected = max(abs(near.impedance - far.impedance) / max(between, 1e-30), abs(near.capsule - far.capsule));
+    let gain = params.reverberation * reflected * above * directivity(id.y, top);
     var echo = echoes[row + id.x];
     for (var sample = id.x + top; sample < params.samples; sample += top) {
         let own = echoes[row + sample];

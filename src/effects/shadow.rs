@@ -44,7 +44,7 @@ pub struct Shadow {
     /// scanlines.
     pub f_number: f64,
     /// Share of an echo's amplitude that comes back once more between the first bone, gas or lung of a scanline and the face of the array, before
-    /// attenuation (0 to 1). 0 repeats nothing.
+    /// attenuation and for a perfect reflector (0 to 1). 0 repeats nothing.
     pub reverberation: f64,
     /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough surface. Set by
     /// eye. 0 mirrors nothing.
@@ -284,7 +284,7 @@ const REVERBERATION: Pass = Pass {
     name: "shadow_reverberation",
     shader: SHADER,
     entry: "reverberation",
-    bindings: &[(Reflectors, Read), (Loss, Read), (Amplitude, Write)],
+    bindings: MIRROR.bindings,
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,

@@ -102,6 +102,16 @@ pub struct LabelRow {
     pub phase: u32,
 }
 
+impl LabelRow {
+    /// Amplitude reflection coefficient of the surface between two labels at a right angle: that of their impedances, or of a capsule if
+    /// it is larger.
+    pub fn reflection(&self, other: &Self) -> f64 {
+        let [a, b] = [self, other].map(|row| f64::from(row.impedance));
+        let step = if a + b > 0.0 { (a - b).abs() / (a + b) } else { 0.0 };
+        step.max(f64::from((self.capsule - other.capsule).abs()))
+    }
+}
+
 /// Everything derived from an [`Anatomy`] and [`Settings`]. Passes read places here, counted from the local origin, and none of the
 /// anatomy, which is in the world.
 #[derive(Clone, Debug)]

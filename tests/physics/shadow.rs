@@ -213,11 +213,14 @@ fn the_needle_casts_a_shadow_of_its_thickness() {
     }
 }
 
+const BONE_MRAYL: f64 = 7.0;
+
 /// Tissue above something opaque whose face lies 20 mm deep in the middle and rises to one side by an angle, after the pass that repeats its echoes if
 /// they are.
 fn above_opaque(angle_deg: f64, reverberation: f64, backend: Backend) -> Beam {
     let opaque = Acoustics {
         occlusion_per_mm: 1.0,
+        impedance_mrayl: BONE_MRAYL,
         ..PLAIN
     };
     let frame = Frame::around([0.0, 30.0, 0.0], [400, 700, 3], 0.1);
@@ -252,7 +255,8 @@ fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
             for line in 12..49 {
                 let depth = 20.0 + angle.tan() * 0.5 * (line as f64 - 30.0);
                 let lost = 10f64.powf(-2.0 * 0.5 * MHZ / 10.0 * depth / 20.0);
-                let gain = 0.35 * lost * angle.cos().powi(4) * (2.0 * angle).cos().powi(4);
+                let reflected = (BONE_MRAYL - PLAIN.impedance_mrayl) / (BONE_MRAYL + PLAIN.impedance_mrayl);
+                let gain = 0.35 * reflected * lost * angle.cos().powi(4) * (2.0 * angle).cos().powi(4);
                 let row = line * with.samples;
                 for (order, share) in [(1, 0.6), (1, 0.9), (2, 0.15)] {
                     let from = (share * depth / 0.05) as usize;

@@ -1,8 +1,8 @@
 //! Reverberation: echoes that run once more between the first bone, gas or lung of a scanline and the face of the array.
 //!
 //! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
-//! above it in the shadow of gas. Each repeat is attenuated over the way to the reflector and back, multiplied by [`Shadow::reverberation`] and, for a
-//! reflector tilted by theta, by cos^4 theta (the law of [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array).
+//! above it in the shadow of gas. Each repeat is attenuated over the path to the reflector and back, multiplied by [`Shadow::reverberation`], by the
+//! reflection coefficient of the reflector (0.99 for gas, 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array).
 //! Powers add up, as the phases of so long a way are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
 use rayon::prelude::*;
@@ -91,7 +91,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let share = T::of(share(tables));
     let spacing = spacing(tables).map(T::of);
     let exponent = T::of(exponent_per_unit());
-    let (tops, losses) = (&store.reflectors, &store.loss);
+    let (tops, losses, labels) = (&store.reflectors, &store.loss, &store.label);
     let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
     scanlines.for_each(|(line, amplitudes)| {
         let top = tops[line] as usize;
@@ -99,7 +99,9 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             return;
         }
         let above = T::of(f64::from(losses[line * samples + top - 1]));
-        let gain = share * (above * exponent).exp2() * directivity(tops, line, samples, spacing);
+        let at = line * samples + top;
+        let reflected = T::of(reflection(tables, [labels[at - 1], labels[at]]));
+        let gain = share * reflected * (above * exponent).exp2() * directivity(tops, line, samples, spacing);
         for sample in top..samples {
             let (own, repeat) = (amplitudes[sample], gain * amplitudes[sample - top]);
             amplitudes[sample] = (own * own + repeat * repeat).sqrt();
@@ -107,7 +109,13 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     });
 }
 
-/// The share that comes back, without loss on the way.
+/// Reflection coefficient of the surface between two labels.
+pub fn reflection(tables: &Tables, labels: [u8; 2]) -> f64 {
+    let [above, below] = labels.map(|label| &tables.label_rows[usize::from(label)]);
+    above.reflection(below)
+}
+
+/// Amplitude of a repeat relative to the echo, before attenuation and reflection; 0 without a shadow.
 pub fn share(tables: &Tables) -> f64 {
     tables
         .settings

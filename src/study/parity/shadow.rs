@@ -3,7 +3,7 @@
 
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::reverberation::{directivity, share, slope, spacing, top};
+use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, spacing, top};
 use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
 
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
@@ -262,25 +262,25 @@ pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
         let row = line * samples;
         let before = &step.before.amplitude[row..][..samples];
         // Gain with its error, and the echoes that come of it.
-        let repeated = |tops: &[u32]| {
+        let repeated = |tops: &[u32], labels: &[u8]| {
             let depth = tops[line] as usize;
             if depth >= samples {
                 return (0.0, 0.0, before.to_vec());
             }
             let at = row + depth - 1;
             let [one_way, off] = one_way(f64::from(step.after.loss[at]), slack.loss[at]);
-            let share = share(step.tables);
+            let share = share(step.tables) * reflection(step.tables, [labels[at], labels[at + 1]]);
             let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
-            // Twice the loss one way; some sixty operations on numbers up to 1 in the directivity and the product.
-            let off = share * ((2.0 * one_way + off) * off + 60.0 * ULP);
+            // Twice the loss one way; some seventy operations on numbers up to 1 in the directivity, the reflection and the product.
+            let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);
             let mut echoes = before.to_vec();
             for sample in depth..samples {
                 echoes[sample] = echoes[sample].hypot(gain * echoes[sample - depth]);
             }
             (gain, off, echoes)
         };
-        let (gain, gain_off, echoes) = repeated(&tops);
-        let (of_other, other_off, others) = repeated(&of_twin);
+        let (gain, gain_off, echoes) = repeated(&tops, &step.after.label);
+        let (of_other, other_off, others) = repeated(&of_twin, &step.twin.label);
         let (gain, gain_off) = (gain.max(of_other), gain_off.max(other_off));
         let least = tops[line].min(of_twin[line]) as usize;
         for sample in least..samples {
