@@ -5,6 +5,7 @@ mod bad_input;
 mod beam;
 mod far;
 mod frames;
+mod golden;
 #[path = "../support/gpu.rs"]
 #[allow(dead_code, reason = "each test binary uses its own part of what is shared")]
 mod gpu;
